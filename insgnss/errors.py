@@ -1,4 +1,4 @@
-"""The exception tree: every error a user can meet says where it is and what to do about it.
+"""The exception tree: every error that a user can meet says where it happened and what to do.
 
 A rejected measurement is data with a reason (see ``insgnss.status``), never an exception.
 """
@@ -13,7 +13,7 @@ class InsGnssError(Exception):
 
     Parameters
     ----------
-    message : what is wrong
+    message : the error
     advice : what to do about it
     file, line, column, key, satellite : where it is, as far as known
     """
@@ -96,7 +96,7 @@ class NavigationDataError(InputError):
 
 
 class GeometryError(InputError):
-    """Antennas or satellites stand so that what is asked for cannot be determined from them."""
+    """The geometry of antennas or satellites does not determine the requested quantity."""
 
 
 class StartError(InsGnssError):

@@ -1,4 +1,4 @@
-"""Modules by the names they had in version 0.1: they can be imported until 0.3, and tell where they are now."""
+"""Modules by the names they had in version 0.1: they can be imported until 0.3, and warn with the new name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of a measurement: one code for each entry of the ledger, and its name.
+"""The status of a measurement: one code for each entry of the ledger, and its name.
 
 Codes below 10 mean the row reached the filter; from 10 the satellite side refused it, from 20 the epoch did, from 30
 the carrier's history, from 39 what antennas have in common.
@@ -15,7 +15,7 @@ MASKED_CN0: Final = 3  # below the C/N0 mask
 NO_CLOCK: Final = 4  # its constellation's clock offset is not known yet: the row started it
 INCONSISTENT: Final = 5  # the epoch's rows do not agree with each other, and it is the one that stands out
 DRIFTING: Final = 6  # it creeps away from all others: a slow error no single gate sees
-REFLECTED: Final = 7  # much weaker than its elevation lets expect: not the direct signal
+REFLECTED: Final = 7  # much weaker than expected at its elevation: not the direct signal
 MASKED_GAIN: Final = 8  # in the vehicle's attitude no antenna has enough gain towards it
 MASKED_OBSTRUCTION: Final = 9  # in the vehicle's attitude the airframe hides it from the antenna
 NO_EPHEMERIS: Final = 10
@@ -26,7 +26,7 @@ SIGNAL_NOT_USED: Final = 14  # a setting: another signal of the same satellite i
 CONSTELLATION_NOT_USED: Final = 15  # a setting
 BAD_VALUE: Final = 16  # not a number, or outside any physical range
 BAD_SIGMA: Final = 17  # the log states a sigma that is zero, negative or beyond any use (1000 km, 100 km/s)
-DUPLICATE: Final = 18  # the satellite and signal stand twice in the epoch; the first one counts
+DUPLICATE: Final = 18  # the satellite and signal appear twice in the epoch; the first one counts
 SWITCHED_OFF: Final = 19  # a setting: this kind of measurement is not used
 NOT_STARTED: Final = 20  # before the filter had a start, or at the epoch at which it was lost
 NO_IMU: Final = 21  # outside the time the inertial log covers
@@ -35,8 +35,10 @@ TOO_LATE: Final = 22  # it reached the engine after its latency limit
 CLOCK_JUMP: Final = 23
 USED_FOR_START: Final = 24  # it went into the single-point solution that started or restarted the filter
 REFUSED_AT_START: Final = 25  # the single-point solution excluded it
-NO_CHANNEL: Final = 26  # GLONASS, satellite side: neither the messages nor the log tell its frequency channel
-COMBINED: Final = 27  # its value stands in another row of the satellite: the ionosphere-free combination
+NO_CHANNEL: Final = (
+    26  # GLONASS, satellite side: neither the messages nor the log state its frequency channel
+)
+COMBINED: Final = 27  # its value is in another row of the satellite: the ionosphere-free combination
 # the ionosphere-free combination needs a second signal, and this satellite has one
 NO_SECOND_SIGNAL: Final = 28
 NO_SOLUTION: Final = 29  # the epoch has no point solution
@@ -48,7 +50,7 @@ SLIP_GEOMETRY_FREE: Final = 33  # cycle slip: two carriers of the satellite disa
 HALF_CYCLE: Final = 34  # the half-cycle ambiguity was resolved or lost between the two epochs
 MESSAGE_CHANGED: Final = 35  # the two epochs' satellite states are from different messages
 CLOCK_STEPPED: Final = 36  # the receiver's clock stepped in between
-NO_RANGE: Final = 38  # no pseudorange beside the carrier tells when the signal was sent
+NO_RANGE: Final = 38  # no pseudorange with the carrier to give the time of transmission
 NO_DIFFERENCE: Final = 39  # no other antenna has the signal, or it is the one that the others count from
 CYCLES_OPEN: Final = 40  # whole cycles of the difference between two antennas are not known for certain
 CYCLES_WRONG: Final = 41  # they are known to be wrong: the difference is off by whole cycles

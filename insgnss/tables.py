@@ -23,7 +23,7 @@ LLI_HALF_CYCLE: Final = 2
 
 @dataclass(frozen=True)
 class Event:
-    """Something worth telling: when (None if it concerns a whole file), what kind, and the details in words."""
+    """An event: when (None if it concerns a whole file), what kind, and the details in words."""
 
     t_ns: int | None
     kind: str
@@ -69,7 +69,7 @@ class GnssTable:
     carrier_cycles: Float64 | None = None
     # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
     lli: Int8 | None = None
-    glonass_channels: dict[str, int] = field(default_factory=dict)  # where the log tells: "R07" -> -7..6
+    glonass_channels: dict[str, int] = field(default_factory=dict)  # if the log states it: "R07" -> -7..6
 
     def take(self, rows: npt.NDArray[np.intp] | slice) -> GnssTable:
         """Return the given rows, in the given order, of a slice without copying; ``bad_cells`` follows its rows."""

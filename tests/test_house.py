@@ -33,6 +33,16 @@ MAX_TOP_LEVEL = 30
 # absolute paths of somebody's machine, unfinished work
 ABSOLUTE_PATH = re.compile(r"(?<![\w.~$}/:-])(/(home|root|Users|work|mnt|media)/\w|[A-Z]:\\\\?Users)")
 UNFINISHED = re.compile(r"\b(TO" r"DO|FIX" r"ME|XX" r"X)\b")
+# phrases that plain English of the field does not use; the page of the notebooks quotes their questions
+WORN_PHRASES = re.compile(
+    r"(?<!here )\b(is|are) no (?!longer\b)[a-z]|\b(is|are|was|were|be) told\b|\bcannot be told\b|\btold apart\b|"
+    r"\bworth telling\b|\bstays? alike\b|\bin the mean\b(?! (direction|variance))|\bnobody\b|\bwhoever\b|"
+    r"\bwhat (is left of|became of)\b|\bmakes? of (it|them)\b|\bcomes? on top\b|\bthe little that\b|\bas it must\b|"
+    r"\bknows? of\b|\btells? of\b|\bnothing tells\b|\bthere is none of\b|\bsuch a one\b|\bhalf of the time\b|"
+    r"\blets? expect\b|\bspeaks? (for|against)\b|\band its kin\b|"
+    r"\b(starts?|begins?|learnt|found|looked for|set|written|resolved|searched|computed) anew\b",
+    re.IGNORECASE,
+)
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -239,6 +249,16 @@ def test_no_line_names_a_path_of_one_machine() -> None:
 
 def test_nothing_is_left_unfinished() -> None:
     assert [place for place, line in text_lines({".py", ".md", ".toml"}) if UNFINISHED.search(line)] == []
+
+
+def test_no_worn_phrase_comes_back() -> None:
+    pages = re.compile(r"insgnss/.*\.py:|docs/(?!notebooks\.md).*\.md:")
+
+    assert [
+        f"{place} {found.group()}"
+        for place, line in text_lines({".py", ".md"})
+        if pages.match(place) and (found := WORN_PHRASES.search(line))
+    ] == []
 
 
 def test_top_level_has_no_other_folder() -> None:

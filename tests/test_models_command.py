@@ -52,7 +52,7 @@ def test_copy_overwrites_nothing(tmp_path: Path) -> None:
     mine.write_text("mine", encoding="utf-8")
     done = said("models", "imus", "tactical", "--output", str(tmp_path))
 
-    assert done.exit_code == 5 and "there is a file already" in done.stderr
+    assert done.exit_code == 5 and "the file exists already" in done.stderr
     assert mine.read_text(encoding="utf-8") == "mine"
 
 

@@ -1,1 +1,1 @@
-"""Loop aiding: what the tracking channels of a receiver should expect next, and how far to trust it."""
+"""Loop aiding: predictions for the tracking channels of a receiver, and their uncertainty."""

@@ -154,7 +154,7 @@ def turn_about_axis(vectors: Float64, first: int, last: int, angle: float) -> No
 
 
 class VehicleTrace(NamedTuple):
-    """What the antenna's motion follows from."""
+    """The inputs of the antenna's motion."""
 
     trace: Trace
     imu: TraceSamples

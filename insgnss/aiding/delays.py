@@ -1,4 +1,4 @@
-"""What a predicted pseudorange holds beside distance and clocks: the air, at the rate of the sigma.
+"""The delays of a predicted pseudorange besides distance and clocks: the atmosphere, at the rate of the sigma.
 
 Held over a span: the troposphere of a satellite at 5 deg changes by up to 0.03 m/s, at 30 deg by 1 mm/s.
 """

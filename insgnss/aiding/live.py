@@ -23,7 +23,7 @@ from insgnss.filter.update.epoch_space import FilterWorkspace
 
 
 class AidingSink(Protocol):
-    """Whatever takes the aiding of one instant, as ``AidingStream`` does."""
+    """An object that takes the aiding of one instant, as ``AidingStream`` does."""
 
     def send(self, table: AidingTable, week: int) -> None:
         """Take a table of one time; ``week`` is the GPS week that its seconds are to count from."""
@@ -56,7 +56,7 @@ class LiveAiding:
     def output(
         self, bank: Bank, imu: ImuSamples, parameters: npt.NDArray[Any], work: FilterWorkspace
     ) -> AidingTable:
-        """Return the aiding of a bank that stands at the newest sample of ``imu``."""
+        """Return the aiding of a bank at the newest sample of ``imu``."""
         t_ns = int(imu.t_ns[-1])
         count = self._room.counts[0]
         count.rows = count.covariances = 0

@@ -1,4 +1,4 @@
-"""What a receiver at the antenna's phase centre observes of a satellite, and how it changes, exactly with light time.
+"""The observables of a satellite at the antenna's phase centre, and their rates, exactly with light time.
 
 Everything is formed in inertial axes, those of ECEF at the beginning of the satellites' piece (``satellite_arcs``),
 where neither the Earth's turn nor Coriolis' acceleration appears. Of the antenna: R, V, A, J (``antenna_motion``). Of
@@ -30,7 +30,7 @@ from insgnss.tables import Float64, Int64
 
 _PER_C: Final = 1.0 / C_MPS
 
-# All that is computed of up to LANES satellites at once stands in one array, one row of LANES numbers for each
+# The results for up to LANES satellites at once are in one array, one row of LANES numbers for each
 # quantity. Rows 0 to 16 are a satellite's expansion: S, V_s, A_s, J_s at 0, 3, 6, 9, then these; 17 to 21 what comes
 # of it
 LANES: Final = 64
@@ -79,7 +79,7 @@ def polynomial(c: Float64, x: float) -> tuple[float, float, float, float]:
 
 @kernel
 def expand_satellite(piece: Float64, since_s: float, motion: Float64, e: Float64, j: int) -> None:
-    """Write a satellite's motion and clock about the transmission of what is received now, in lane ``j``.
+    """Write a satellite's motion and clock about the transmission time of the present signal, in lane ``j``.
 
     The time of transmission is found by Newton's method from 75 ms of light time: after two steps the rest is rounding.
 
@@ -150,7 +150,7 @@ def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> No
     Vx, Vy, Vz = motion[1, 0], motion[1, 1], motion[1, 2]
     Ax, Ay, Az = motion[2, 0], motion[2, 1], motion[2, 2]
     Jx, Jy, Jz = motion[3, 0], motion[3, 1], motion[3, 2]
-    # whole registers: the numbers of the lanes beyond are nobody's
+    # whole registers: the lanes beyond hold unused numbers
     for j in range(min((max(count, 0) + 7) // 8 * 8, LANES)):
         h = e[_K0 * LANES + j] * dt
         hh = 0.5 * h * h

@@ -5,7 +5,7 @@ the orbit at both ends, in the inertial axes that are those of ECEF at the piece
 with 4 km/s on a circle and no term of the Earth's turn is needed after. Against the orbit itself the pieces are within
 1e-6 m, 1e-8 m/s and 1e-9 m/s^2 for nearly circular orbits from medium height on (20 times that at the perigee of
 e = 0.17); most of the position's is the orbit's own rounding. The clock is the cubic with offset and rate at both ends,
-within 1e-8 m. Each piece is of one message, the one chosen for its middle: a change of message stands at a piece's
+within 1e-8 m. Each piece is of one message, the one chosen for its middle: a change of message is at a piece's
 border, up to a minute from where ``satellite_state`` changes, and the values step there by what the messages differ
 (some 0.1 m, 0.1 mm/s).
 """
@@ -185,7 +185,7 @@ def hermite_pieces(nodes: Float64) -> Float64:
     T = PIECE_S
     r0, v0, a0 = _inertial(nodes[:, :, 0], 0.0)
     r1, v1, a1 = _inertial(nodes[:, :, 1], T)
-    # what is left of the end after the second-order part of the beginning
+    # the remainder at the end after the second-order part of the beginning
     r = (r1 - r0 - T * (v0 + 0.5 * T * a0)) / T**3
     v = (v1 - v0 - T * a0) / T**2
     a = (a1 - a0) / T

@@ -1,4 +1,4 @@
-"""What the aiding of a filter rests on beside the filter: its settings resolved, and where the satellites come from."""
+"""The inputs of a filter's aiding besides the filter: its resolved settings and the source of the satellites."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def aiding_sources(
     navigation: NavigationData | None = None,
     channels: Mapping[str, int] | None = None,
 ) -> AidingSources:
-    """Return what the aiding of a filter rests on.
+    """Return the inputs of a filter's aiding.
 
     Air: the troposphere as the filter has it; the ionosphere by GPS's coefficients whatever model the filter uses,
     since a receiver's code is delayed whether or not the filter combines it away (none where the settings say "none").
@@ -65,8 +65,8 @@ def aiding_sources(
     navigation = filter.navigation if filter.navigation is not None else navigation
     if navigation is None and filter.products is None:
         raise NavigationDataError(
-            "the aiding of a log with satellite states in its rows needs messages or precise products: the rows say"
-            " nothing of the time between the epochs and of hidden satellites",
+            "the aiding of a log with satellite states in its rows needs messages or precise products: the rows do"
+            " not cover hidden satellites and the time between epochs",
             key="gnss.navigation",
             advice="name a RINEX navigation file in the flight file, or replay without aiding",
         )

@@ -6,7 +6,7 @@ over UDP one datagram holds one line. Its keys, always in this order:
 | key | what |
 |-----|------|
 | aiding | version of the message, 1 |
-| n | number of the message, from 0 on; what was dropped leaves a hole |
+| n | number of the message, from 0 on; a dropped message leaves a gap |
 | week, time_s | GPS week and its seconds, the time of use |
 | age_s | time of use less the inertial sample |
 | satellites | array, one array of numbers for each satellite as ``FIELDS`` names them, the name first |
@@ -17,7 +17,8 @@ Doppler rate, pseudorange, units as before. A number that is not known is null. 
 key, order or unit; a reader ignores further keys at the end.
 
 The filter never waits: sockets do not block. A datagram that the system does not take, and a line for a TCP reader
-whose backlog is full, is dropped whole, counted, and told by an event when dropping begins. Lines are never cut in two.
+whose backlog is full, is dropped whole, counted, and reported by an event when dropping begins. Lines are never cut in
+two.
 """
 
 from __future__ import annotations
@@ -100,33 +101,34 @@ def decode(line: bytes) -> Message:
 
     Raises
     ------
-    ConfigError : it is no message, or one of another version
+    ConfigError : it is not a message, or has another version
     """
     try:
         message = json.loads(line)
     except ValueError as error:
         raise ConfigError(
-            "this line is no aiding message", advice="read whole lines: one ends at each newline"
+            "this line is not an aiding message", advice="read whole lines: one ends at each newline"
         ) from error
     if not isinstance(message, dict) or message.get("aiding") != VERSION:
-        raise ConfigError(f"this line is no aiding message of version {VERSION}")
+        raise ConfigError(f"this line is not an aiding message of version {VERSION}")
     return message
 
 
 @dataclass
 class _Reader:
-    """A TCP reader and what it has not taken yet."""
+    """A TCP reader and its pending bytes."""
 
     connection: socket.socket
     backlog: bytearray = field(default_factory=bytearray)
 
 
 class AidingStream:
-    """Hands on each output: ``stream.send(table, week)`` from a live filter, ``stream.close()`` at its end.
+    """Sends each output: ``stream.send(table, week)`` from a live filter, ``stream.close()`` at its end.
 
     With a function, it is called with each message; what it raises is counted as a drop. With an address, the lines are
     sent there by UDP, or TCP readers that connect there (at any time, any number) get them from then on. ``events``
-    tells when dropping began and how much it was, ``dropped`` counts the messages (of TCP: summed over the readers).
+    says when dropping began and how many were dropped, ``dropped`` counts the messages (of TCP: summed over the
+    readers).
     """
 
     def __init__(
@@ -141,7 +143,7 @@ class AidingStream:
         ----------
         to : a function, or host and port; port 0 lets the system choose the TCP port (see ``address``)
         protocol : "udp" or "tcp", of an address
-        backlog_bytes : what a slow TCP reader may be behind
+        backlog_bytes : the most that a slow TCP reader may be behind
 
         Raises
         ------
@@ -169,7 +171,7 @@ class AidingStream:
         self.close()
 
     def send(self, table: AidingTable, week: int) -> None:
-        """Hand on all times of a table; returns at once, whatever the readers do."""
+        """Send all times of a table; returns at once, whatever the readers do."""
         for message in messages_of(table, week, self.sent):
             self.sent += 1
             dropped = self._hand_on(message)
@@ -182,7 +184,7 @@ class AidingStream:
             self._dropping = dropped > 0
 
     def close(self) -> None:
-        """Give sockets back; what TCP readers have not taken is lost. Tells how much was dropped."""
+        """Close the sockets; bytes still pending for TCP readers are lost. Reports the number of dropped messages."""
         for reader in self._readers:
             reader.connection.close()
         self._readers = []
@@ -213,12 +215,12 @@ class AidingStream:
         assert self._socket is not None
         try:
             self._socket.send(line)
-        except OSError:  # nobody listens there, no room, or longer than a datagram can be
+        except OSError:  # no listener, no room, or longer than a datagram can be
             return 1
         return 0
 
     def _lines(self, line: bytes) -> int:
-        """Append the line to each reader's backlog that has room, and send what goes."""
+        """Append the line to each reader's backlog that has room, and send as much as possible."""
         self._accept()
         dropped = 0
         for reader in list(self._readers):
@@ -237,14 +239,16 @@ class AidingStream:
         while True:
             try:
                 connection, peer = self._socket.accept()
-            except OSError:  # nobody waits
+            except OSError:  # no reader is waiting
                 return
             connection.setblocking(False)
             self._readers.append(_Reader(connection))
-            self.events.append(Event(None, "aiding_reader", f"{peer[0]}:{peer[1]} reads the aiding"))
+            self.events.append(
+                Event(None, "aiding_reader", f"{peer[0]}:{peer[1]} connected to read the aiding")
+            )
 
     def _flush(self, reader: _Reader) -> bool:
-        """Send of the backlog what the system takes; return whether the reader is still there."""
+        """Send as much of the backlog as the system takes; return whether the reader is still there."""
         try:
             while reader.backlog:
                 del reader.backlog[: reader.connection.send(reader.backlog)]
@@ -253,7 +257,7 @@ class AidingStream:
         except OSError:
             reader.connection.close()
             self._readers.remove(reader)
-            self.events.append(Event(None, "aiding_reader", "a reader of the aiding has gone"))
+            self.events.append(Event(None, "aiding_reader", "a reader of the aiding disconnected"))
             return False
         return True
 

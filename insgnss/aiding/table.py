@@ -7,13 +7,13 @@
 | range_rate_mps, range_acceleration_mps2, range_jerk_mps3 | of the distance to the phase centre, no clocks |
 | pseudorange_m | distance, clocks, inter-system offset, air; NaN where the offset is not known to the filter |
 | doppler_hz, doppler_rate_hz_per_s | at the carrier, RINEX sign, satellite's clock in, receiver's as asked |
-| code_delay_rate_s_per_s | what the Doppler says of the code: the rate of pseudorange / c |
+| code_delay_rate_s_per_s | the code's rate from the Doppler: the rate of pseudorange / c |
 | sd_* | one sigma of each, of the code delay rate that of the Doppler in s/s |
 | age_s | time of use less the inertial sample that the value rests on |
 
 A row takes 85 bytes (12 satellites at 100 Hz: 350 MiB an hour): doubles where a receiver's phase would feel less, four
-bytes where 1e-7 of the value does not matter. What sigma are made of changes as seldom as they do and stands in a table
-of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are found anew:
+bytes where 1e-7 of the value does not matter. The parts of the sigmas change as seldom as they do and are in a table
+of its own, ``run.aiding_budget``, one row for each satellite whenever sigmas are recomputed:
 
 | column | what |
 |--------|------|
@@ -21,7 +21,7 @@ of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are
 | sd_rate_*_mps, cross_rate_m2ps2 | parts of the Doppler's sigma in m/s (``uncertainty.PARTS``), what correlation adds |
 | sd_acceleration_*_mps2, cross_acceleration_m2ps4 | the same of the Doppler rate in m/s^2 |
 
-At the time of an epoch the aiding is from before its update: what a receiver has at that instant. Sigma are those of
+At the time of an epoch the aiding is from before its update: which a receiver has at that instant. Sigma are those of
 the last time at which a covariance was left behind (``AidingConfig.sigma_interval_s``), those of range rate and Doppler
 carried on from there by the noise of the accelerometers and the walk of the receiver's clock.
 """
@@ -86,7 +86,7 @@ class AidingSetup:
     weather: Weather = STANDARD_WEATHER
 
     def doubts(self) -> UncertaintyTerms:
-        """Return the numbers that the sigma needs beside the covariance."""
+        """Return the numbers that the sigma needs besides the covariance."""
         use = self.config
         return UncertaintyTerms(
             gyro_density=self.sensor.gyro_density,
@@ -229,7 +229,7 @@ class AidingTable:
         return ns_to_week_seconds(t_ns + round(self.latency_s * NS_PER_S), week)
 
     def parts(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return what the sigma of each span and satellite are made of, as columns."""
+        """Return the parts of the sigmas of each span and satellite, as columns."""
         by_column = np.ascontiguousarray(self.sigma.T)
         rate = {f"sd_rate_{name}_mps": by_column[RATE_PARTS + i] for i, name in enumerate(PARTS)}
         rate["cross_rate_m2ps2"] = by_column[RATE_PARTS + N_PARTS]
@@ -280,7 +280,7 @@ def compute_aiding(
 def aiding_arrays(
     setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: TraceSamples, covariances: Covariances
 ) -> tuple[Spans, Values, Float64]:
-    """Return what the table is made of: spans, values, and the sigma (q, N_SIGMA) to their last digit."""
+    """Return the parts of the table: spans, values, and the sigma (q, N_SIGMA) to their last digit."""
     names, arcs = satellites.sv_names, satellites.arcs
     lever_b = np.array(setup.lever_arm_m, np.float64)
     groups = setup.groups(names)

@@ -1,4 +1,4 @@
-"""What the filter leaves behind for the aiding: its state at the output times and, less often, its covariance.
+"""The filter's trace for the aiding: its state at the output times and, less often, its covariance.
 
 The aiding is computed from this after the loop (or sample by sample, live): the filter itself runs the same to the last
 bit whether it is asked for or not. A row at the time of an epoch is from before its update.
@@ -45,7 +45,7 @@ class TraceSamples(NamedTuple):
 
 
 class FilterTrace(NamedTuple):
-    """All that a filter's run leaves behind."""
+    """The complete trace of a filter's run."""
 
     trace: Trace
     covariances: Covariances
@@ -53,7 +53,7 @@ class FilterTrace(NamedTuple):
 
 
 def traced(room: TraceRoom, samples: TraceSamples) -> FilterTrace:
-    """Return what the loop has written, its rows joined to the inertial samples that it ran on."""
+    """Return the loop's rows, joined to the inertial samples that it ran on."""
     count = room.counts[0]
     row, m = room.row[: count.rows], int(count.covariances)
     columns = {name: np.ascontiguousarray(row[name]) for name in row.dtype.names or ()}

@@ -1,4 +1,4 @@
-"""How far the aiding can be trusted: sigma of each value from the filter's covariance, and what it is made of.
+"""Uncertainty of the aiding: sigma of each value from the filter's covariance, and its parts.
 
 At the time of use, dt = age of the covariance + latency after it, the range rate's error is h x with the row of H
 
@@ -54,7 +54,7 @@ _TOGETHER: Final = 3  # row of the work space that takes the sum of the others
 
 
 class UncertaintyTerms(NamedTuple):
-    """What the sigma needs beside the covariance; densities two-sided."""
+    """The inputs of the sigma besides the covariance; densities two-sided."""
 
     gyro_density: float  # [rad^2/s]
     accel_density: float  # [m^2/s^3]
@@ -86,7 +86,7 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
     ----------
     rho : range [m]
     line : (2, 3) u and W in ECEF axes of the instant
-    work : as ``place_motion`` leaves it; rows 0 to 3 are not looked at
+    work : as ``place_motion`` leaves it; rows 0 to 3 are not used
     h : (3, n) output over the error states
     s : (6, 3) scratch; row 5 is left as u_b
     """

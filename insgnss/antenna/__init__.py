@@ -1,1 +1,1 @@
-"""Antennas on a vehicle: what they see, what the airframe hides, and what a receiver should do about it."""
+"""Antennas on a vehicle: their field of view, the airframe's obstructions, and a receiver's decisions."""

@@ -1,4 +1,4 @@
-"""From what a flight file says of its antennas to the arrays of the visibility stage."""
+"""From a flight file's antennas to the arrays of the visibility stage."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNCERTAIN: Final = {"keep": KEEP, "hide": HIDE, "deweight": DEWEIGHT}
 def installation(
     antennas: Sequence[MountedAntenna], folder: Path, lever_arm_m: Vector3 | None = None
 ) -> tuple[Installation, list[Event]]:
-    """Return the antennas with their patterns and obstructions read, and what is worth telling of the files.
+    """Return the antennas with their patterns and obstructions read, and the events of the files.
 
     Parameters
     ----------

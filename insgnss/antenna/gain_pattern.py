@@ -88,7 +88,7 @@ def gain_at(pattern: Pattern, k: int, x: float, y: float, z: float) -> tuple[flo
     Equation: bilinear in elevation and azimuth; the last column is the first again, so there is no seam, and the row
     of a pole has one value, so there is no jump. grad = dg/d_el e_el + dg/d_az e_az / cos el.
     At a node the slope is that of one of the neighbouring cells; at a pole itself the one along azimuth zero.
-    A direction that is no number has no gain: NaN, which no comparison passes, and no slope.
+    A direction that is not a number has no gain: NaN, which no comparison passes, and no slope.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Antennas on a vehicle as arrays: where each one sits, how it is turned, what it sees and what the airframe hides."""
+"""Antennas on a vehicle as arrays: place, orientation, pattern and obstructions of each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Installation(NamedTuple):
 
 
 def no_antenna() -> Installation:
-    """Return the installation of a vehicle whose antenna nobody described: nothing is masked."""
+    """Return the installation of a vehicle without antenna description: nothing is masked."""
     return Installation(
         Pattern(np.zeros(0), np.zeros((0, 3), np.int64), np.zeros((0, 2))),
         np.zeros((0, 3, 3)),
@@ -44,7 +44,7 @@ def no_antenna() -> Installation:
 def clearance_at(clearance_deg: Int8, k: int, x: float, y: float, z: float) -> float:
     """Return the angle from (x, y, z), body axes, to the edge of antenna ``k``'s free sky [rad], negative if hidden.
 
-    A direction that is no number counts as hidden altogether.
+    A direction that is not a number counts as hidden.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the airframe hides of an antenna's sky: sectors and polygons in body axes, as a raster that a kernel reads.
+"""The airframe's obstructions of an antenna's sky: sectors and polygons in body axes, as a raster that a kernel reads.
 
 An obstruction file (TOML) holds ``frame = "body_forward_right_down"``, ``source``, and any number of ``[[sector]]``
 (``azimuth_deg`` from, clockwise to; ``elevation_deg`` from, to) and ``[[polygon]]`` (``corners_deg``, pairs of azimuth
@@ -86,7 +86,7 @@ class Obstruction(StrictModel):
     polygon: tuple[Polygon, ...] = ()
 
     def shapes(self) -> list[Shape]:
-        """Return all that blocks."""
+        """Return the union of all obstructions."""
         return [*self.sector, *self.polygon]
 
 
@@ -178,6 +178,6 @@ def clearance_raster(obstruction: Obstruction | None) -> Int8:
             for own, sign in ((blocked, -1), (~blocked, 1)):
                 chord, _ = cKDTree(centres[~own]).query(centres[own])
                 angle = np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
-                # rounded up, so that no cell at an edge has zero: its sign tells what it is
+                # rounded up, so that no cell at an edge has zero: its sign marks the edge
                 clearance[own] = sign * np.minimum(np.ceil(angle), FARTHEST_DEG).astype(np.int8)
     return clearance.reshape(N_ELEVATIONS, N_AZIMUTHS)

@@ -27,7 +27,10 @@ FRAME: Final = "antenna_forward_right_down"
 POLARISATIONS: Final = ("RHCP", "LHCP", "linear", "none")
 _REQUIRED: Final = ("frame", "frequency_hz", "polarisation", "source")
 _KEYS: Final = (*_REQUIRED, "name")
-_GAINS_DBIC: Final = (-100.0, 60.0)  # a number outside is no gain: a linear value, or another column
+_GAINS_DBIC: Final = (
+    -100.0,
+    60.0,
+)  # a number outside is not a gain in dBic: a linear value, or another column
 _MOST_NODES: Final = 4_000_000  # of the even grid, 32 MB
 _POLE_SPREAD_DB: Final = 1e-9  # values of one pole that differ by more are averaged, and said to be
 
@@ -50,7 +53,7 @@ def read_pattern(path: Path) -> tuple[GainTable, list[Event]]:
     try:
         text = existing_file(path).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ConfigError("this is no text in UTF-8", file=path, advice="save the file in UTF-8") from error
+        raise ConfigError("the file is not UTF-8 text", file=path, advice="save the file in UTF-8") from error
     header, lines = _header(text, path)
     if len(lines) < 3:
         advice = "a header of azimuths and at least the rows -90 and 90 are needed"
@@ -103,7 +106,9 @@ def _check_key(key: str, header: dict[str, str], path: Path, number: int) -> Non
         advice = f"nearest valid key: '{near[0]}'" if near else f"valid here: {', '.join(_KEYS)}"
         raise ConfigError("unknown key", file=path, line=number, key=key, advice=advice)
     if key in header:
-        raise ConfigError("the key stands twice", file=path, line=number, key=key, advice="leave one of them")
+        raise ConfigError(
+            "the key appears twice", file=path, line=number, key=key, advice="leave one of them"
+        )
 
 
 def _check_header(header: dict[str, str], places: dict[str, int], path: Path) -> None:
@@ -117,7 +122,7 @@ def _check_header(header: dict[str, str], places: dict[str, int], path: Path) ->
         )
     if not _number(header["frequency_hz"]) > 0.0:
         raise ConfigError(
-            f"'{header['frequency_hz']}' is no frequency",
+            f"'{header['frequency_hz']}' is not a frequency",
             file=path,
             line=places["frequency_hz"],
             key="frequency_hz",
@@ -204,11 +209,14 @@ def _cell(
         what, advice = "a hole: the cell is empty", "give the gain of every direction"
     elif not math.isfinite(value):
         what, advice = (
-            f"'{text}' is no finite number",
+            f"'{text}' is not a finite number",
             "write a number with a point; -100 where nothing gets through",
         )
     else:
-        what, advice = f"{text} is no gain in dBic", f"gains lie between {bounds[0]:g} and {bounds[1]:g} dBic"
+        what, advice = (
+            f"{text} is not a gain in dBic",
+            f"gains lie between {bounds[0]:g} and {bounds[1]:g} dBic",
+        )
     raise ConfigError(what, file=path, line=line.number, column=names[k] or str(k + 1), advice=advice)
 
 

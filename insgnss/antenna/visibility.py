@@ -1,9 +1,10 @@
 """The visibility stage, compiled: whether an antenna of the vehicle sees a satellite, in the attitude it has.
 
 The line of sight is turned into the body, then into each antenna's frame; the gain there is held against a threshold.
-A decision changes only when the gain is beyond the threshold by ``margin_sigma`` of what the attitude's uncertainty
-makes of it, and a hidden satellite needs ``hysteresis_db`` more to return, so nothing flickers. The airframe's edges
-are treated alike: within ``margin_sigma`` of an edge the decision stays. Of several antennas the best one counts.
+A decision changes only when the gain is beyond the threshold by ``margin_sigma`` of the gain's uncertainty due to
+attitude, and a hidden satellite needs ``hysteresis_db`` more to return, so nothing flickers. The airframe's edges
+are treated the same way: within ``margin_sigma`` of an edge the decision stays. Of several antennas the best one
+counts.
 
 What is to happen within the margin is a setting: a satellite that was visible before stays so (KEEP), stays so with the
 more noise the likelier it is hidden (DEWEIGHT), or is hidden (HIDE). One that was hidden stays hidden in all three.
@@ -30,7 +31,7 @@ UNCERTAIN_VISIBLE: Final = 3
 UNDECIDED: Final = -1  # nothing was decided yet; it counts as visible (bit 0 is set)
 IS_VISIBLE: Final = 1  # the bit: ``decision & IS_VISIBLE``
 IS_UNCERTAIN: Final = 2
-# What becomes of a satellite within the margin, ``VisibilityLimits.uncertain``
+# The treatment of a satellite within the margin, ``VisibilityLimits.uncertain``
 KEEP: Final = 0
 HIDE: Final = 1
 DEWEIGHT: Final = 2
@@ -50,7 +51,7 @@ class VisibilityLimits(NamedTuple):
 
 
 class Look(NamedTuple):
-    """What the stage tells of one satellite."""
+    """The stage's result for one satellite."""
 
     decision: int  # HIDDEN ... UNCERTAIN_VISIBLE
     gain_dbic: float  # of the antenna that decided
@@ -61,7 +62,7 @@ class Look(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """What the stage tells of s satellites at n attitudes; the fields are those of ``Look``."""
+    """The stage's results for s satellites at n attitudes; the fields are those of ``Look``."""
 
     decision: Int8  # (n, s)
     reason: Int8
@@ -106,7 +107,7 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
 def compare(excess: float, margin: float) -> int:
     """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between.
 
-    An excess that is no number falls short: what is not known to be seen is hidden, a false lock being the danger.
+    An excess that is not a number counts as hidden: a false lock is worse than a missed satellite.
     """
     if excess >= margin:
         return 1
@@ -148,7 +149,7 @@ def gain_of_antenna(
 def look_at(
     u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: VisibilityLimits, before: int
 ) -> Look:
-    """Return whether a satellite is seen, by which antenna, and with what gain.
+    """Return whether a satellite is seen, by which antenna, and at which gain.
 
     Equation: u_a = C_ab u_b; a rotation error phi of the body turns u_b by u_b x phi, so
     dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]; within the margin it is hidden

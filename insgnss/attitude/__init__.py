@@ -1,4 +1,4 @@
-"""Attitude from several antennas: phase differences, the one-stage filter, the two-stage way, and gyros beside them.
+"""Attitude from several antennas: phase differences, the one-stage filter, the two-stage method, and gyros.
 
 ::
 

@@ -138,7 +138,7 @@ def random_attitudes(count: int, rng: np.random.Generator, law: str = "angles") 
     Parameters
     ----------
     law : "angles" for roll and yaw uniform in +-180 deg and pitch in +-90 deg, which gives the paper's statistics;
-        "rotations" for all attitudes alike (the sine of the pitch is uniform)
+        "rotations" for all attitudes equally (the sine of the pitch is uniform)
     """
     if count < 1 or law not in ("angles", "rotations"):
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Which angles a set of antennas and satellites can tell, how well, and what to add where one is lost."""
+"""Which angles a set of antennas and satellites can measure, how well, and what to add if one is lost."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SAME_DIRECTION: Final = 1e-3  # sine of the angle below which directions count a
 
 @dataclass(frozen=True)
 class Observability:
-    """What phase differences tell about a rotation of the body."""
+    """The information of phase differences on a rotation of the body."""
 
     information_n: Float64  # (3, 3) of the rotation vector in n [1/rad^2]
     sd_rad: Float64  # (3,) of the rotation about the principal axes; inf where it is lost
     axes_n: Float64  # (3, 3) the principal axes, one row each, the best first
     lost_n: Float64  # (lost, 3) axes about which a rotation is not seen
     lost_b: Float64  # (lost, 3) the same in body axes
-    reason: str  # what is lost and why; empty where all three angles are seen
+    reason: str  # the lost angle and the reason; empty if all three angles are observable
 
     @property
     def is_complete(self) -> bool:
@@ -58,7 +58,7 @@ def gradient(jacobian: Float64, weight: Float64, residual: Float64) -> Float64:
 
 
 def observability(C_nb: npt.ArrayLike, array: AntennaArray, sky: Sky, covariance: Float64) -> Observability:
-    """Return which rotations the phase differences of one epoch tell, and how well.
+    """Return which rotations the phase differences of one epoch observe, and how well.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _reason(array: AntennaArray, sky: Sky, lost_b: Float64) -> str:
     if is_collinear(array):
         line = array.baselines_b[0] / array.lengths_m[0]
         parts.append(
-            f"the antennas stand on one line: the rotation about it, body axes {_text(line)}, is lost"
+            f"the antennas are on one line: the rotation about it, body axes {_text(line)}, is lost"
             f" ({_angle_lost(line)})"
         )
     if directions(sky) < 2:
@@ -93,7 +93,7 @@ def _reason(array: AntennaArray, sky: Sky, lost_b: Float64) -> str:
 
 
 def angle_lost(array: AntennaArray) -> str:
-    """Return in words which rotation antennas on one line do not tell."""
+    """Return in words the rotation that antennas on one line do not observe."""
     line = array.baselines_b[0] / array.lengths_m[0]
     return f"the rotation about body axes {_text(line)} ({_angle_lost(line)})"
 
@@ -110,7 +110,7 @@ def _text(vector: Float64) -> str:
 
 
 def is_collinear(array: AntennaArray) -> bool:
-    """Return whether all antennas stand on one line, to 3 minutes of arc; two always do."""
+    """Return whether all antennas are on one line, to 3 minutes of arc; two always do."""
     return bool(_rank(array.baselines_b / array.lengths_m[:, None]) < 2)
 
 
@@ -134,7 +134,7 @@ def require_attitude(array: AntennaArray, sky: Sky) -> None:
     if is_collinear(array):
         line = array.baselines_b[0] / array.lengths_m[0]
         raise GeometryError(
-            f"the antennas stand on one line: the rotation about it, body axes {_text(line)}, is lost"
+            f"the antennas are on one line: the rotation about it, body axes {_text(line)}, is lost"
             f" ({_angle_lost(line)})",
             key="positions_b",
             advice="add an antenna off the line, or take the lost angle from gyros",

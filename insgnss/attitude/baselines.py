@@ -37,12 +37,14 @@ class AntennaArray:
         positions = np.asarray(self.positions_b, np.float64)
         if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 2:
             raise GeometryError(
-                f"{len(positions) if positions.ndim else 0} antenna(s) make no baseline",
+                f"{len(positions) if positions.ndim else 0} antenna(s): a baseline needs two",
                 key="positions_b",
                 advice="give at least two antennas, each with three coordinates in body axes",
             )
         if not np.isfinite(positions).all():
-            raise ConfigError("a position is no number", key="positions_b", advice="give metres in body axes")
+            raise ConfigError(
+                "a position is not finite", key="positions_b", advice="give metres in body axes"
+            )
         names = self.names or tuple(f"antenna {i + 1}" for i in range(len(positions)))
         if len(names) != len(positions) or len(set(names)) != len(names):
             raise ConfigError(
@@ -51,7 +53,7 @@ class AntennaArray:
         for i, k in zip(*np.triu_indices(len(positions), 1), strict=True):
             if np.linalg.norm(positions[i] - positions[k]) < _SHORTEST_M:
                 raise GeometryError(
-                    f"{names[i]} and {names[k]} stand at the same place",
+                    f"{names[i]} and {names[k]} are at the same place",
                     key="positions_b",
                     advice="give each antenna its own phase centre, or leave one of them out",
                 )
@@ -91,7 +93,7 @@ class Sky:
         away = np.abs(np.linalg.norm(los, axis=1) - 1.0)
         if not (away < _UNIT_TOLERANCE).all():
             raise ConfigError(
-                f"direction {int(np.argmax(~(away < _UNIT_TOLERANCE)))} is no unit vector",
+                f"direction {int(np.argmax(~(away < _UNIT_TOLERANCE)))} is not a unit vector",
                 key="los_n",
                 advice="divide the vectors to the satellites by their lengths",
             )

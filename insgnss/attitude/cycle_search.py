@@ -24,7 +24,7 @@ from insgnss.tables import Float64, Int64
 _STEP_CYCLES: Final = 0.2  # by which no difference changes more from node to node, about each axis
 _LEVEL_SIGMAS: Final = 3.0  # of the level that the grid covers; the fit goes beyond it where it must
 _MOST_NODES: Final = 150_000  # a fifth of a second
-_MOST_FITTED: Final = 3_000  # nodes that come nearest, before sets are told apart
+_MOST_FITTED: Final = 3_000  # nearest nodes, before duplicate sets are removed
 _NEWTON_STEPS: Final = 3  # Newton's, from a degree away
 SHARE_REFUSED: Final = 1e-4  # of right sets and solutions, by the test of their fit
 
@@ -41,13 +41,13 @@ class DifferenceRows:
     clock: Int64  # (R,) number of the unknown clock difference in each; -1 where the clock is common
 
     def clocks(self) -> Float64:
-        """Return which clock difference stands in which row, (R, clocks)."""
+        """Return which clock difference is in which row, (R, clocks)."""
         numbers = np.unique(self.clock[self.clock >= 0])
         return np.asarray(self.clock[:, None] == numbers, np.float64)
 
 
 class Prior(NamedTuple):
-    """An attitude known beforehand, and the headings around it that are to be looked at."""
+    """An attitude known beforehand, and the headings around it to search."""
 
     C_nb: Float64  # (3, 3)
     sd_level: float  # [rad] about each level axis
@@ -111,7 +111,7 @@ def _nothing(reason: str) -> CycleFix:
 
 
 def _less_clocks(rows: DifferenceRows) -> DifferenceRows:
-    """Return the rows with the first of each clock taken off: what is left of a clock is small, and costs no digits."""
+    """Return the rows with the first of each clock taken off: the remaining clock is small, and costs no digits."""
     value = rows.value_m.copy()
     for clock in np.unique(rows.clock[rows.clock >= 0]):
         own = np.flatnonzero(rows.clock == clock)
@@ -204,7 +204,7 @@ def _improved(
     JW = np.swapaxes(J, 1, 2) @ W
     known, slope = JW @ J, (JW @ r[..., None])[..., 0]
     known[:, [0, 1], [0, 1]] += 1.0 / sd_level**2
-    known[:, 2, 2] += 1e-6  # a vertical baseline tells no heading
+    known[:, 2, 2] += 1e-6  # a vertical baseline gives no heading
     slope[:, :2] -= tilt / sd_level**2
     phi = np.linalg.solve(known, slope[..., None])[..., 0]
     turn = np.stack([rotation_matrix(one) for one in phi])

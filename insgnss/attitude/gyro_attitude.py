@@ -38,7 +38,7 @@ BIAS: Final = slice(3, 6)
 SCALE: Final = slice(6, 15)  # M by columns: scale factors at 0, 4, 8, misalignments between
 N_STATES: Final = 15
 _GATE_SHARE: Final = 1e-4  # of right differences that a gate may refuse
-# A phase difference tells the attitude only where the whole cycle is known beforehand: half a cycle is five of its
+# A phase difference gives the attitude only if the whole cycle is known beforehand: half a cycle is five of its
 # predicted standard deviations, one row in two million is then taken a cycle off
 _SIGMAS_TO_HALF_CYCLE: Final = 5.0
 USED, NOT_SEEN, GATED, AMBIGUOUS = "used", "not seen", "refused by the gate", "whole cycle not known"
@@ -46,7 +46,7 @@ USED, NOT_SEEN, GATED, AMBIGUOUS = "used", "not seen", "refused by the gate", "w
 
 @dataclass(frozen=True)
 class GyroErrors:
-    """Standard deviations of what the filter has to find, and the noise of the gyros."""
+    """Standard deviations of the filter's unknowns, and the noise of the gyros."""
 
     bias_radps: float
     scale: float  # [-]
@@ -68,7 +68,7 @@ class GyroErrors:
 
 
 def gyro_errors(grade: ImuGrade, misalignment_deg: float = 0.5) -> GyroErrors:
-    """Return the errors of a grade from ``models/imus``, which tell no misalignments; MEMS have about 0.5 deg."""
+    """Return the errors of a grade from ``models/imus``, which state no misalignments; MEMS have about 0.5 deg."""
     return GyroErrors(
         grade.gyro_bias_deg_per_h * RAD_PER_DEG / S_PER_H,
         grade.gyro_scale_factor_ppm * 1e-6,
@@ -81,7 +81,7 @@ def gyro_errors(grade: ImuGrade, misalignment_deg: float = 0.5) -> GyroErrors:
 
 @dataclass(frozen=True)
 class GyroState:
-    """What the filter knows; errors are estimate minus truth."""
+    """The filter's state; errors are estimate minus truth."""
 
     q_nb: Float64  # (4,)
     bias: Float64  # (3,) [rad/s]
@@ -104,7 +104,7 @@ class GyroState:
 
 @dataclass(frozen=True)
 class PhaseUpdate:
-    """What became of an epoch's phase differences."""
+    """The status of an epoch's phase differences."""
 
     status: tuple[str, ...]  # for each signal: used, or why not
     # (N,) chi-square with M - 1 degrees of freedom where the filter is right; nan where not seen
@@ -144,7 +144,7 @@ class GyroAttitude:
 
         Raises
         ------
-        ConfigError : a sample is no number
+        ConfigError : a sample is not finite
         """
         samples = np.ascontiguousarray(w_meas, np.float64)
         if samples.ndim != 2 or samples.shape[1] != 3 or not np.isfinite(samples).all():
@@ -170,9 +170,9 @@ class GyroAttitude:
     def corrected(
         self, state: GyroState, phase: npt.ArrayLike, variance_rad2: npt.ArrayLike, sky: Sky
     ) -> tuple[GyroState, PhaseUpdate]:
-        """Return the state after the phase differences of an epoch, and what became of each signal.
+        """Return the state after the phase differences of an epoch, and the status of each signal.
 
-        Each signal's differences pass the gate together. One whose whole cycle the prediction does not tell is left
+        Each signal's differences pass the gate together. One whose whole cycle the prediction does not resolve is left
         out, with that reason: after a long loss of all signals start again from ``two_stage.solve``.
 
         Parameters

@@ -67,7 +67,7 @@ def _rates(t: Float64, tempo: float) -> Float64:
 
 @dataclass(frozen=True)
 class Trial:
-    """What to simulate; the filter is told the same noises."""
+    """What to simulate; the filter is given the same noise levels."""
 
     array: AntennaArray
     sky: Sky

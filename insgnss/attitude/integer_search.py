@@ -85,7 +85,7 @@ def search(L: Float64, D: Float64, a: Float64, limit: float, integers: Float64, 
     Parameters
     ----------
     L, D : Q = L^T diag(D) L
-    limit : squared distance from which on nothing is looked for
+    limit : squared distance at which the search ends
     integers : (count, n) result
     distance : (count,) result
     """
@@ -139,7 +139,7 @@ def nearest_integers(
 
     Raises
     ------
-    ConfigError : the covariance is not positive definite, or something is no number
+    ConfigError : the covariance is not positive definite, or a value is not finite
     """
     real, Q = np.asarray(a, np.float64), np.asarray(Q, np.float64)
     n = real.size

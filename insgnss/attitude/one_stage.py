@@ -53,7 +53,7 @@ _BACK_SHARE: Final = 0.1  # of the first offset that may be left of a start that
 
 @dataclass(frozen=True)
 class AttitudeState:
-    """What the filter knows after an epoch."""
+    """The filter's state after an epoch."""
 
     C_nb: Float64  # (3, 3)
     rpy: Float64  # (3,) [rad]; unwrapped where the filter works in Euler angles
@@ -125,7 +125,7 @@ class OneStage:
 
         Raises
         ------
-        ConfigError : increments without gyros, gyros without increments, or increments that are no numbers
+        ConfigError : increments without gyros, gyros without increments, or increments that are not numbers
         """
         T = self.integration_s
         F, turned = np.eye(6), self._turned(state, increment_b)
@@ -156,7 +156,7 @@ class OneStage:
         increment = np.asarray(increment_b, np.float64)
         if increment.shape != (3,) or not np.isfinite(increment).all():
             raise ConfigError(
-                f"increments {increment} are none", key="increment_b", advice="give three angles in radians"
+                f"invalid increments {increment}", key="increment_b", advice="give three angles in radians"
             )
         return np.asarray(increment - self.integration_s * state.rate)
 
@@ -199,9 +199,9 @@ class OneStage:
             return phases_by_rotation(state.C_nb, self.array, self.sky)
         if abs(math.sin(state.rpy[1])) > math.sin(_STEEPEST_PITCH_RAD):
             raise GeometryError(
-                f"pitch {math.degrees(state.rpy[1]):.1f} deg: roll and yaw are one angle there",
+                f"pitch {math.degrees(state.rpy[1]):.1f} deg: roll and yaw cannot be separated there",
                 key="parameters",
-                advice="use parameters = 'rotation', which knows no such attitude",
+                advice="use parameters = 'rotation', which has no such singularity",
             )
         return phases_by_euler(state.rpy, self.array, self.sky)
 
@@ -241,7 +241,7 @@ def recovery_curve(model: OneStage, rpy: npt.ArrayLike, angle: int, offsets_rad:
 def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 400) -> tuple[float, float]:
     """Return how far one Euler angle may be off below and above for the filter to come back, without noise [rad].
 
-    The true attitude is ``state``'s, at rest; the filter starts beside it with ``state``'s covariance. It needs some
+    The true attitude is ``state``'s, at rest; the filter starts off it with ``state``'s covariance. It needs some
     ``rate_noise``, or the gain dies away before a distant start has come back.
     """
     Z = _noise_free(model, state.rpy)

@@ -1,7 +1,7 @@
 """The two-stage way, for comparison: whole cycles first, by an integer search for each baseline, then the attitude.
 
 Stage one takes the nearest integer vectors of each baseline (``integer_search``), keeps those whose baseline has its
-known length, joins those that stand at their known angles to each other, and ranks what is left by the joint fit of all
+known length, joins those at their known angles to each other, and ranks the rest by the joint fit of all
 phases. Nothing is used unless the best one fits, and fits better than the second by a ratio.
 """
 
@@ -31,7 +31,7 @@ from insgnss.errors import ConfigError
 from insgnss.tables import Float64, Int64
 
 Clocks = Literal["common", "separate"]
-CANDIDATES: Final = 2000  # looked at for each baseline: ranges to 1 m and 5 satellites leave some hundreds
+CANDIDATES: Final = 2000  # searched for each baseline: ranges to 1 m and 5 satellites leave some hundreds
 # of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
 RATIO: Final = 2.0
 _SIGMAS: Final = 4.5  # of a length or a product of two baselines
@@ -57,7 +57,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Epoch:
-    """What the receivers of all antennas measured at one moment.
+    """The measurements of all antennas' receivers at one moment.
 
     ``clocks``: "common" where one oscillator drives all receivers and the delays of the cables are taken off;
     "separate" where each has its own: then satellites are differenced too, and all need one carrier.
@@ -192,7 +192,7 @@ def _resolved(epoch: Epoch, array: AntennaArray, rough: CoarseBaselines, ratio: 
     if best.loss > _largest_loss(epoch):
         reason = f"the best whole cycles do not fit: loss {best.loss:.3g} above {_largest_loss(epoch):.3g}"
     elif second < ratio * best.loss:
-        reason = f"two sets of whole cycles fit nearly alike: ratio {second / best.loss:.2f} below {ratio:g}"
+        reason = f"two sets of whole cycles fit almost equally well: ratio {second / best.loss:.2f} below {ratio:g}"
     return Solution(not reason, reason, best.C_nb, best.covariance_n, cycles, best.loss, second / best.loss)
 
 
@@ -226,8 +226,9 @@ def _choices(rows: PhaseRows, rough: CoarseBaselines, m: int) -> list[_Choice] |
 def _likely_cycles(rows: PhaseRows, rough: CoarseBaselines, m: int) -> Int64 | None:
     """Return the whole cycles of one baseline within the chi-square limit, the likeliest first; None for too many.
 
-    A list cut off before the limit may lack the right ones, and what is left of it could pass every later check by
-    chance. The length enters as a direction drawn from all, l^2 / 3 on each axis, which costs the right ones exactly 3.
+    A list cut off before the limit may lack the right ones, and a wrong remaining set could pass every later check by
+    chance. The length enters as a direction drawn from all, l^2 / 3 on each axis, which costs the right ones exactly
+    3.
     """
     R, length = rows.phase.shape[1], float(rows.array.lengths_m[m])
     P = np.linalg.inv(np.linalg.inv(rough.covariance[m]) + 3.0 / length**2 * np.eye(3))
@@ -257,7 +258,7 @@ def _vector_sd(rows: PhaseRows) -> Float64:
 def _joined(
     array: AntennaArray, own: list[list[_Choice] | None], sd: Float64, chosen: tuple[_Choice, ...] = ()
 ) -> Iterator[tuple[_Choice, ...]]:
-    """Yield one choice for each baseline, of those that stand at their known angles to each other."""
+    """Yield one choice for each baseline, of those at their known angles to each other."""
     m = len(chosen)
     if m == len(own):
         yield chosen
@@ -287,7 +288,7 @@ def _fitting_order(epoch: Epoch, rough: CoarseBaselines, ratio: float) -> tuple[
 
 
 def equivalent_orders(array: AntennaArray) -> list[tuple[int, ...]]:
-    """Return the other orders of the antennas that no measurement tells from the given one: all distances are equal.
+    """Return the orders of the antennas indistinguishable from the given one: all distances are equal.
 
     Antennas in one plane have mirror images that are rotations: two of an equilateral triangle may be swapped, and the
     attitude comes out turned over. Unequal distances between all antennas exclude it.
@@ -305,7 +306,7 @@ def equivalent_orders(array: AntennaArray) -> list[tuple[int, ...]]:
 def is_turned_over(C_nb: npt.ArrayLike, array: AntennaArray, sky: Sky) -> bool:
     """Return whether most satellites would be below the antennas (which look along minus z of the body).
 
-    That is what two swapped antennas of a symmetric array look like where lengths and angles cannot tell.
+    That is what two swapped antennas of a symmetric array look like where lengths and angles cannot decide.
     """
     up_n = -np.asarray(C_nb, np.float64)[:, 2]
     return bool(np.mean(sky.los_n @ up_n) < 0.0)

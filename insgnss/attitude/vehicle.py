@@ -13,7 +13,7 @@ from insgnss.config.vehicle import Vehicle, VehicleAntenna
 from insgnss.errors import ConfigError
 
 _MOUNTING = {"pattern", "mounting_rpy_deg", "mounting_matrix", "obstruction"}
-MAIN = "main"  # name of the antenna of [gnss] where nobody gives it one
+MAIN = "main"  # name of the antenna of [gnss] if the flight file does not name it
 
 
 def array_of_vehicle(vehicle: str | Path | Vehicle, first: str | None = None) -> AntennaArray:
@@ -26,7 +26,7 @@ def array_of_vehicle(vehicle: str | Path | Vehicle, first: str | None = None) ->
     Raises
     ------
     ModelError, ConfigError : there is no such vehicle, its file is wrong, or it has no antenna named ``first``
-    GeometryError : two antennas stand at one place
+    GeometryError : two antennas are at one place
     """
     found = vehicle_of(vehicle)
     positions = {antenna.name: antenna.lever_arm_m for antenna in found.antenna}
@@ -43,7 +43,7 @@ def array_of_flight(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> Anten
     ------
     ConfigError : an antenna's place is not given, or the vehicle has no antenna of that name
     ModelError : there is no such vehicle
-    GeometryError : two antennas stand at one place
+    GeometryError : two antennas are at one place
     """
     known: dict[str, Vector3] = {}
     if attitude.vehicle is not None:
@@ -72,9 +72,9 @@ def array_of_flight(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> Anten
 
 
 def mounted_antennas(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> tuple[MountedAntenna, ...]:
-    """Return how each antenna of a flight is mounted and what it sees, that of [gnss] first.
+    """Return the mounting and field of view of each antenna of a flight, that of [gnss] first.
 
-    What the flight file says of an antenna counts before the vehicle's file; an antenna that nothing is said of is
+    The flight file's entry on an antenna takes precedence over the vehicle's file; an antenna without an entry is
     level and sees everything.
 
     Raises

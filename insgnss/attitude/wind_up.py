@@ -1,4 +1,4 @@
-"""Phase wind-up between antennas that are tilted against each other: what remains of it in a phase difference.
+"""Phase wind-up between antennas that are tilted against each other: its remainder in a phase difference.
 
 A circularly polarised wave turns with its phase, so an antenna turned about the line of sight by an angle sees the
 phase move by as much. It cancels in the difference of antennas with parallel axes, whatever the attitude; only a tilt

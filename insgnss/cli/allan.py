@@ -27,7 +27,9 @@ def allan(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option("--like", help="A grade of the library: what rest does not show is taken from it."),
+        typer.Option(
+            "--like", help="A grade of the library, for the terms that a log at rest does not show."
+        ),
     ] = None,
     first: Annotated[
         float | None, typer.Option("--from", help="Seconds of the week: the rest begins.")
@@ -80,7 +82,7 @@ def allan(
 def _tell_what_is_unseen(sensor: str, found: NoiseFit, duration_s: float) -> None:
     if found.instability == 0.0 and found.rate_random_walk == 0.0:
         typer.echo(
-            f"{sensor}: {duration_s:.0f} s show no bias instability: the lowest deviation stands for it"
+            f"{sensor}: {duration_s:.0f} s show no bias instability: the lowest deviation is used instead"
         )
 
 
@@ -99,7 +101,7 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
         mapping = ImuConfig.model_validate({"files": (log,), "grade": "", **units})
     except ValueError:
         raise ConfigError(
-            f"'{gyro_unit}' and '{accel_unit}' do not go together or are no units",
+            f"'{gyro_unit}' and '{accel_unit}' do not go together or are not supported units",
             key="--gyro-unit",
             advice="rad/s or deg/s with m/s^2, g or mg; rad or deg with m/s or g*s; else describe it in a flight file",
         ) from None

@@ -32,7 +32,7 @@ def campaign(
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers", help="Processes on this machine; one a core without it, 0: none but this one."
+            "--workers", help="Processes on this machine; by default one per core; 0: this process only."
         ),
     ] = None,
     scheduler: Annotated[
@@ -50,7 +50,7 @@ def campaign(
     ] = "case",
     as_json: AsJson = False,
 ) -> None:
-    """Run what is left of a campaign, write one Parquet file a task, and print a summary of all results."""
+    """Run the remainder of a campaign, write one Parquet file a task, and print a summary of all results."""
     began = time.perf_counter()
     with own_errors_told():
         from insgnss.studies.campaign.results import failures, summary, with_parameters

@@ -1,4 +1,4 @@
-"""``insgnss check``: reads everything a flight names, reports what looks wrong, proposes what to declare instead."""
+"""``insgnss check``: reads everything a flight names, reports defects, proposes corrected declarations."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
+    """Read all logs of a flight, compare them with each other, and propose corrections of the flight file."""
     with own_errors_told():
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.checks import write_corrected

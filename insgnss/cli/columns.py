@@ -1,4 +1,4 @@
-"""``insgnss columns``: what each column of a table means."""
+"""``insgnss columns``: the meaning of each column of a table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from insgnss.cli.ending import own_errors_told
 
 def columns(
     table: Annotated[
-        str | None, typer.Argument(help="A table: imu.csv, nav, measurements, ...; all without it.")
+        str | None, typer.Argument(help="A table: imu.csv, nav, measurements, ...; by default all.")
     ] = None,
 ) -> None:
     """Print the names, units and meanings of the columns of all tables, or of one, as Markdown."""
@@ -20,5 +20,5 @@ def columns(
         from insgnss.runs.columns.page import SHEETS, columns_page, sheet_text
 
         if table is not None and table not in SHEETS:
-            raise ConfigError(f"'{table}' is no table", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")
+            raise ConfigError(f"unknown table '{table}'", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")
         typer.echo(columns_page() if table is None else sheet_text(SHEETS[table]), nl=False)

@@ -51,7 +51,7 @@ def compare(
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """Return a name for each folder: its own where that tells them apart, else the path, else numbered."""
+    """Return a name for each folder: its own if unique, else the path, else numbered."""
     for given in ([path.resolve().name for path in paths], [str(path) for path in paths]):
         names = [name.encode("utf-8", "backslashreplace").decode() for name in given]
         if len(set(names)) == len(names):

@@ -1,4 +1,4 @@
-"""``insgnss consistency``: whether a run's filter is as good as it says, and what to change if it is not."""
+"""``insgnss consistency``: whether a run's filter is consistent, and what to change if it is not."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def consistency(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""
+    """Test innovations, errors and sigmas of a run against each other, and state the result in words."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(run)):
         from insgnss.studies.consistency.study import consistency_study

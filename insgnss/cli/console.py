@@ -1,4 +1,4 @@
-"""Where a command prints its result: names of flights and satellites as they are, whatever brackets they hold."""
+"""Where a command prints its result: names of flights and satellites unchanged, with any brackets."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def convert(
             help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the output files.")],
     date: Annotated[
         datetime | None,
         typer.Option(
@@ -95,7 +95,7 @@ def _scales(text: str) -> tuple[float, float] | None:
         angle = velocity = 0.0
     if not (0.0 < angle < 1.0 and 0.0 < velocity < 1.0):
         raise ConfigError(
-            f"'{text}' are no two positive numbers",
+            f"'{text}' is not two positive numbers",
             key="--imu-scale",
             advice="write rad and m/s of a count: 1e-9,2e-8",
         )

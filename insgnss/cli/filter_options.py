@@ -1,4 +1,4 @@
-"""The options that choose a filter, and what they choose: the same for every command that runs one."""
+"""The options that choose a filter: the same for every command that runs one."""
 
 from __future__ import annotations
 

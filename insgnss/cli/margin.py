@@ -64,7 +64,7 @@ def margin(
         float | None,
         typer.Option(
             "--acceleration",
-            help="One sigma in m/s^2 along the line of sight: what a loop without INS stands.",
+            help="One sigma in m/s^2 along the line of sight: the motion that a loop without INS must follow.",
         ),
     ] = None,
     lasting: Annotated[
@@ -85,7 +85,7 @@ def margin(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""
+    """Report the J/S that a phase loop withstands, and where along a run it loses lock."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, _inputs(run, emitters)):
         form = table_form(format)
@@ -122,7 +122,7 @@ def _inputs(run: Path | None, emitters: Path | None) -> list[Path]:
 def _loops(
     signal: str, kind: str, threshold: float | None, bandwidth: float | None, accumulation: float | None
 ) -> tuple[dict[str, PhaseLoop], float]:
-    """Return the loop that was asked for, with those of the other discriminators beside it, and the carrier."""
+    """Return the loop that was asked for, with those of the other discriminators, and the carrier."""
     from insgnss.interference.discriminators import DISCRIMINATORS, discriminator
     from insgnss.interference.margin import PhaseLoop
     from insgnss.interference.spectra import modulation_of, signal_named
@@ -167,7 +167,7 @@ def _drifts(oscillator: str, imu: str, interval: float, carrier: float) -> dict[
 def _margin_table(
     loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None, rows: list[dict[str, Any]]
 ) -> Table:
-    """Return the margin of each discriminator, and what an oscillator or an INS without drift would add."""
+    """Return the margin of each discriminator, and the gain of an oscillator or an INS without drift."""
     from rich.table import Table
 
     total = sum(drifts.values())
@@ -225,7 +225,7 @@ def _add_unaided(
     motion: tuple[float, float, float],
     cn0: float | None,
 ) -> None:
-    """Add what each loop stands that has to follow a lasting acceleration alone, and of which order it is.
+    """Add the margin of each loop that follows a lasting acceleration without aiding, and its order.
 
     ``motion`` is one sigma [m/s^2], the correlation time [s] and the carrier [Hz].
     """
@@ -297,7 +297,7 @@ def _flown(
     step: float,
     pictures: bool,
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Study a saved run; print the summary, write tables and picture; return the same as data, and what was written."""
+    """Study a saved run; print the summary, write tables and picture; return data and written files."""
     from insgnss.config.interference import InterferenceConfig
     from insgnss.config.strict import load_toml
     from insgnss.runs.margin import flown_margin, picture

@@ -13,7 +13,7 @@ _LARGE_BYTES: Final = 4 << 20
 
 
 def give_back_what_is_freed() -> None:
-    """Let nobody hold on to what is freed: not the C library to large arrays, not Arrow to the pieces it has parsed.
+    """Return freed memory to the operating system: large arrays of the C library, and Arrow's parsed pieces.
 
     By default the GNU library learns from the first large array that it frees to keep all of that size, and Arrow's own
     allocator keeps its segments: 150 MB on an hour of a big log. The collector has no business with the modules.

@@ -1,4 +1,4 @@
-"""``insgnss models``: what the model library holds, and copies of it to change."""
+"""``insgnss models``: the content of the model library, and copies to change."""
 
 from __future__ import annotations
 
@@ -14,21 +14,19 @@ from insgnss.errors import ConfigError, ResultError
 
 # how a copy is named where it is used; {file} is its path, {name} the same without folder and ending
 _USE: Final = {
-    "imus": 'beside the flight file: grade = "{name}" in [imu]',
-    "oscillators": 'beside the flight file: oscillator = "{name}" in [gnss]',
+    "imus": 'next to the flight file: grade = "{name}" in [imu]',
+    "oscillators": 'next to the flight file: oscillator = "{name}" in [gnss]',
     "filters": "insgnss replay FLIGHT --filter {file}",
-    "antennas": 'beside the flight file: pattern = "{name}.csv" in [[gnss.antenna]]',
+    "antennas": 'next to the flight file: pattern = "{name}.csv" in [[gnss.antenna]]',
     "scenarios": "insgnss simulate {file}",
     "campaigns": "insgnss campaign {file}",
-    "vehicles": 'beside the flight file: vehicle = "{name}.toml" in [attitude]',
+    "vehicles": 'next to the flight file: vehicle = "{name}.toml" in [attitude]',
     "emitters": "insgnss receiver SCENARIO --emitters {file}",
 }
 
 
 def models(
-    kind: Annotated[
-        str | None, typer.Argument(help=f"One of {', '.join(_USE)}; all of them without it.")
-    ] = None,
+    kind: Annotated[str | None, typer.Argument(help=f"One of {', '.join(_USE)}; by default all.")] = None,
     name: Annotated[
         str | None, typer.Argument(help="A model's name: its file is printed, or copied with --output.")
     ] = None,
@@ -75,7 +73,7 @@ def _copied(source: Path, output: Path) -> Path:
         with path.open("xb") as copy:
             copy.write(source.read_bytes())
     except FileExistsError:
-        raise ResultError("there is a file already", file=path, advice="give another --output") from None
+        raise ResultError("the file exists already", file=path, advice="give another --output") from None
     except OSError as error:
         raise ResultError(
             f"the copy cannot be written: {error.strerror}", file=path, advice="give another --output"

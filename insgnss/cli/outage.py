@@ -37,18 +37,18 @@ def outage(
         float | None, typer.Option("--every", help="Seconds from the beginning of one window to the next.")
     ] = None,
     random: Annotated[
-        int | None, typer.Option("--random", help="So many windows at random, not overlapping.")
+        int | None, typer.Option("--random", help="Number of random windows, not overlapping.")
     ] = None,
     bank: Annotated[
-        float | None, typer.Option("--bank", help="Wherever the roll is beyond that many degrees.")
+        float | None, typer.Option("--bank", help="Windows where the roll exceeds so many degrees.")
     ] = None,
     length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of --random.")] = 1,
     satellites: Annotated[
-        str, typer.Option("--sv", help="Take away these alone, as in G01,G07; else all satellites.")
+        str, typer.Option("--sv", help="Remove only these satellites, as in G01,G07; all by default.")
     ] = "",
     constellations: Annotated[
-        str, typer.Option("--constellation", help="Take away those of these alone, as in R,E.")
+        str, typer.Option("--constellation", help="Remove only these constellations, as in R,E.")
     ] = "",
     kinds: Annotated[
         str,
@@ -56,7 +56,7 @@ def outage(
             "--kind", help="pseudorange,range_rate,carrier_difference,attitude_difference: these alone."
         ),
     ] = "",
-    after: Annotated[float, typer.Option("--after", help="Seconds looked at after each window.")] = 60.0,
+    after: Annotated[float, typer.Option("--after", help="Seconds evaluated after each window.")] = 60.0,
     rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
@@ -68,7 +68,7 @@ def outage(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measurements away in windows, replay, and tell drift, predicted sigma and the time to come back."""
+    """Remove measurements in windows, replay, and report drift, predicted sigma and recovery time."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [flight]):
         windows = _windows(window, every, random, bank, length, seed)
@@ -123,7 +123,7 @@ def _windows(
         ways.append(Banked(bank))
     if len(ways) != 1:
         what = "nothing says when" if not ways else "more than one option says when"
-        raise ConfigError(f"{what} measurements are taken away", key="--window", advice=_ADVICE)
+        raise ConfigError(f"{what} measurements are removed", key="--window", advice=_ADVICE)
     return ways[0]
 
 
@@ -133,7 +133,7 @@ def _window(text: str) -> tuple[float, float]:
         return float(first), float(last)
     except ValueError:
         advice = "write FROM:UNTIL, as in --window 293800:293830"
-        raise ConfigError(f"'{text}' is no window", key="--window", advice=advice) from None
+        raise ConfigError(f"invalid window '{text}'", key="--window", advice=advice) from None
 
 
 def _print(study: OutageStudy) -> None:

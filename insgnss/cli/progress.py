@@ -1,4 +1,4 @@
-"""What a command shows while it works: on standard error, in a terminal only; in a pipe or a log file it is silent."""
+"""A command's progress display: on standard error, in a terminal only; silent in a pipe or a log file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def telling(first: str) -> Iterator[Callable[[str], None]]:
-    """Show what is being done and for how long; what is yielded takes the words of the next step."""
+    """Show the current step and its duration; the yielded function takes the words of the next step."""
     # a command that fails on its options does without the library
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn

@@ -1,4 +1,4 @@
-"""``insgnss receiver``: which receiver holds lock until which C/N0 in a manoeuvre, and with what errors."""
+"""``insgnss receiver``: the C/N0 down to which each receiver holds lock in a manoeuvre, and its errors."""
 
 from __future__ import annotations
 
@@ -68,11 +68,14 @@ def receiver(
         ),
     ] = None,
     told: Annotated[
-        float | None, typer.Option("--told", help="dBHz that the receiver takes for true, whatever arrives.")
+        float | None,
+        typer.Option("--told", help="C/N0 in dBHz that the receiver assumes, whatever the true one."),
     ] = None,
     masking: Annotated[
         bool,
-        typer.Option("--masking", help="Leave out what the antenna does not see at the filter's attitude."),
+        typer.Option(
+            "--masking", help="Leave out satellites that the antenna does not see at the filter's attitude."
+        ),
     ] = False,
     output: Annotated[
         Path | None,
@@ -82,7 +85,7 @@ def receiver(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly receivers through a manoeuvre in closed loops; tell errors, thresholds and loss of lock."""
+    """Fly receivers through a manoeuvre in closed loops; report errors, thresholds and loss of lock."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, []):
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)

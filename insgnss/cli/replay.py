@@ -46,7 +46,9 @@ def replay(
     covariance: Covariance = False,
     supervise: Annotated[
         bool,
-        typer.Option("--supervise", help="Also tell what the receiver should do about each satellite, when."),
+        typer.Option(
+            "--supervise", help="Also report what the receiver should do for each satellite, and when."
+        ),
     ] = False,
     integrity: Annotated[
         bool,
@@ -56,9 +58,7 @@ def replay(
     ] = False,
     aiding: Annotated[
         float | None,
-        typer.Option(
-            "--aiding", help="Rate in Hz of what the tracking loops should expect of each satellite."
-        ),
+        typer.Option("--aiding", help="Rate in Hz of the tracking loop aiding for each satellite."),
     ] = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[
@@ -91,7 +91,7 @@ def replay(
 
 
 def check_outputs(output: Path | None, report: Path | None) -> None:
-    """Refuse outputs that would replace files of somebody else, before any work is done."""
+    """Refuse outputs that would replace files of other programs, before any work is done."""
     if output is not None:
         check_replaceable(output, FILES, "run")
     if report is not None:
@@ -105,7 +105,7 @@ def write_run(
     form: Literal["parquet", "csv"],
     tell: Callable[[str], None],
 ) -> list[str]:
-    """Save a run and draw its page where that is asked for; return what was written."""
+    """Save a run and draw its page on request; return the files written."""
     if output is not None:
         tell("saving the run")
         run.save(output, form)
@@ -116,7 +116,7 @@ def write_run(
 
 
 def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_json: bool) -> None:
-    """Print a run's summary, what was read and written, and how long it took; or one JSON object."""
+    """Print a run's summary, the files read and written, and the time taken; or one JSON object."""
     if as_json:
         print_json({**digest(run), "files_read": len(flight.files()), "wrote": written})
         return
@@ -126,7 +126,7 @@ def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_j
 
 
 def _print_summary(flight: Flight, run: Run) -> None:
-    """Print what the run gave: times, errors and sigmas, satellites, refusals, NIS, events."""
+    """Print the run's results: times, errors and sigmas, satellites, refusals, NIS, events."""
     console = result_console()
     nav = run.nav
     took = run.settings["took"]

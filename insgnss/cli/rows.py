@@ -39,7 +39,7 @@ Covariance = Annotated[
 def rows_wanted(
     rate: str, times: Path | None, point: str | None, *, quaternion: bool, covariance: bool
 ) -> dict[str, Any]:
-    """Return the arguments of ``insgnss.replay`` that these options stand for.
+    """Return the arguments of ``insgnss.replay`` for these options.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def rate_of(text: str) -> Literal["gnss", "imu"] | float:
     try:
         rate = float(text)
     except ValueError:
-        raise ConfigError(f"'{text}' is no output rate", key="--rate", advice=advice) from None
+        raise ConfigError(f"invalid output rate '{text}'", key="--rate", advice=advice) from None
     if not 0.0 < rate <= 1e5:
         raise ConfigError(f"a rate of {text} Hz cannot be written", key="--rate", advice=advice)
     return rate
@@ -81,7 +81,7 @@ def point_of(text: str) -> str | list[float]:
         return [float(part) for part in parts]
     except ValueError:
         raise ConfigError(
-            f"'{text}' is no point",
+            f"invalid point '{text}'",
             key="--point",
             advice="write forward,right,down in metres, as in --point=1.2,0,-0.5, or a name of the flight file",
         ) from None
@@ -92,13 +92,13 @@ def read_times(path: Path) -> list[float]:
 
     Raises
     ------
-    MissingFileError, InputError, ColumnError : it cannot be read, has no such column, or a cell is no number
+    MissingFileError, InputError, ColumnError : it cannot be read, has no such column, or a cell is not a number
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [(at, row) for at, row in enumerate(csv.reader(file), start=1) if any(map(str.strip, row))]
     except FileNotFoundError:
-        raise MissingFileError("no such file", file=path, advice="is the path right?") from None
+        raise MissingFileError("no such file", file=path, advice="check the path") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"cannot be read: {error}", file=path, advice="give a text file") from error
     head = [cell.strip() for cell in rows[0][1]] if rows else []

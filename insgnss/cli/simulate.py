@@ -1,4 +1,4 @@
-"""``insgnss simulate``: a scenario becomes a folder of logs, with the truth and the flight file beside them."""
+"""``insgnss simulate``: a scenario becomes a folder of logs, with the truth and the flight file."""
 
 from __future__ import annotations
 

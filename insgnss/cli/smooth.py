@@ -1,4 +1,4 @@
-"""``insgnss smooth``: a flight's logs in, out comes what the whole log tells of each time."""
+"""``insgnss smooth``: a flight's logs in, a solution from the whole log out."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def smooth(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the filter forward and the smoother back over a flight's logs: for what is looked at afterwards."""
+    """Run the filter forward and the smoother back over a flight's logs, for post-processing."""
     began = time.perf_counter()
     give_back_what_is_freed()
     with own_errors_told(), overwriting(force):

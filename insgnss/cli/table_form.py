@@ -18,4 +18,4 @@ def table_form(text: str) -> Literal["parquet", "csv"]:
         return "parquet"
     if text == "csv":
         return "csv"
-    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+    raise ConfigError(f"unknown format '{text}'", key="--format", advice="write 'parquet' or 'csv'")

@@ -113,7 +113,7 @@ def _digest(
 
 
 def _print_result(simulation: ChannelSimulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
-    """Print errors beside what the linear loop would have, lock and C/N0."""
+    """Print errors and those of the linear loop, lock and C/N0."""
     from rich.table import Table
 
     from insgnss.tracking.trial import assess

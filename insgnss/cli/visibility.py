@@ -49,12 +49,12 @@ def visibility(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell which satellites antennas and airframe hid, when, and what that cost in geometry."""
+    """Report which satellites antennas and airframe hid, when, and the loss of geometry."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(source)):
         form = table_form(format)
         if not step >= 0.0:
-            raise ConfigError(f"{step} is no step", key="--step", advice="give seconds, 0 for every row")
+            raise ConfigError(f"invalid step {step}", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
         from insgnss.runs.visibility.figures import save_figures

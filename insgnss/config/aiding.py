@@ -1,4 +1,4 @@
-"""The schema of loop aiding: for which satellites and carriers, how often, how differentiated, and what is assumed."""
+"""The schema of loop aiding: for which satellites and carriers, how often, how differentiated, and the assumptions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DEFAULT_SIGNALS: Final[dict[System, str]] = {
 
 
 class AidingConfig(StrictModel):
-    """What the tracking channels are told."""
+    """The outputs of the loop aiding."""
 
     rate_hz: Positive = Field(50.0, description="outputs per second, at inertial samples: at most their rate")
     signals: dict[System, str] = Field(
@@ -47,10 +47,10 @@ class AidingConfig(StrictModel):
     )
     sigma_interval_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         1.0,
-        description="satellites, air delays and sigma are computed anew so often; between, the sigma of rate and"
+        description="interval at which satellites, air delays and sigma are recomputed; between, the sigma of rate and"
         " Doppler grow by the accelerometers' noise and the clock's walk alone",
     )
-    # The jerk that a loop must stand between sample and use: 0.5 g within a second, a car or a transport aircraft
+    # The jerk that a loop must withstand between sample and use: 0.5 g within a second, a car or a transport aircraft
     jerk_sigma_mps3: NotNegative = 5.0
     # Of position, rate and acceleration along the line of sight: URA of a healthy GPS satellite, and half of the
     # 95 % limits on URRE and URAE [GPS SPS Performance Standard 2020, table 3.4-2]
@@ -66,7 +66,7 @@ def aiding_config(wanted: float | AidingConfig, usual: AidingConfig) -> AidingCo
 
     Raises
     ------
-    ConfigError : it is no rate
+    ConfigError : it is not a rate
     """
     if isinstance(wanted, AidingConfig):
         return wanted
@@ -76,6 +76,6 @@ def aiding_config(wanted: float | AidingConfig, usual: AidingConfig) -> AidingCo
         rate_hz = math.nan
     if not 0.0 < rate_hz <= 1e5:
         raise ConfigError(
-            f"{wanted!r} is no rate of the aiding", key="aiding", advice="give a rate in Hz, as in 50"
+            f"invalid aiding rate {wanted!r}", key="aiding", advice="give a rate in Hz, as in 50"
         )
     return usual.model_copy(update={"rate_hz": rate_hz})

@@ -1,4 +1,4 @@
-"""The schema of a filter file: which measurements are used, how good they are, and what happens when they fail."""
+"""The schema of a filter file: the measurements used, their noise, and the response to faults."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DEFAULT_SIGNALS: Final[dict[Constellation, tuple[str, ...]]] = {
 
 
 class WeatherConfig(StrictModel):
-    """The air that the troposphere's model starts from; what is left out is as in the standard atmosphere."""
+    """The weather of the troposphere model; omitted values are those of the standard atmosphere."""
 
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
         None, description="at the height below, not reduced to sea level"
@@ -76,7 +76,7 @@ class Measurements(StrictModel):
         {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
     )
     glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
-    zenith_delay: bool = Field(False, description="estimate what the model leaves of the zenith delay")
+    zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
     max_ephemeris_age_s: Positive | None = None
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
@@ -123,12 +123,12 @@ class Faults(StrictModel):
     )
     drift_sigma: NotNegative = Field(
         4.0,
-        description="a satellite whose range rate, in the mean of ten seconds, or whose pseudorange within half a"
+        description="a satellite whose range rate, averaged over ten seconds, or whose pseudorange within half a"
         " minute moves by that many sigmas against the others",
     )
     reflected_below_db: NotNegative = Field(
         8.0,
-        description="C/N0 that far below the strongest signal's, elevation taken off, and too long a range",
+        description="C/N0 that far below the strongest signal's, corrected for elevation, with too long a range",
     )
 
 
@@ -157,7 +157,7 @@ class Process(StrictModel):
     )
     motion_sigma: NotNegative = Field(
         0.0,
-        description="a horizontal specific force within so many sigmas of its own noise is no motion, and shows no"
+        description="a horizontal specific force within so many sigmas of its own noise is not motion, and shows no"
         " heading; 0: any is, as in the textbook",
     )
     inter_system_sigma_m: Positive = Field(
@@ -177,7 +177,7 @@ class Process(StrictModel):
     zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
-        description="initial sigma of what the ionosphere's model leaves at the zenith on L1: a state where carriers"
+        description="initial sigma of the ionosphere model's residual at the zenith on L1: a state where carriers"
         " of one band are used, which the ionosphere advances as it delays the codes; 0: no such state",
     )
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
@@ -200,7 +200,7 @@ class Process(StrictModel):
 
 
 class Gaps(StrictModel):
-    """What happens when inertial samples are missing."""
+    """The response to missing inertial samples."""
 
     longest_step_s: Positive | None = Field(
         None,
@@ -219,7 +219,7 @@ class Gaps(StrictModel):
     restart_s: Positive = Field(
         2.5,
         le=600.0,
-        description="after a longer gap the filter starts anew from a fix, with the biases and what is left of the"
+        description="after a longer gap the filter restarts from a fix, with the biases and the known part of the"
         " heading",
     )
     restart_rotation_deg: Annotated[float, Field(gt=0.0, le=60.0)] = Field(
@@ -234,17 +234,15 @@ class SampleChecks(StrictModel):
         15.0,
         description="a sample that leaps so many sigmas of the log's own noise and returns is refused; 0: none is",
     )
-    sensor_outages: bool = Field(
-        True, description="notice axes that hold their value or stand at the end of their range"
-    )
+    sensor_outages: bool = Field(True, description="detect axes that hold their value or saturate")
 
 
 class HealthConfig(StrictModel):
-    """When the filter concludes that it is lost, and what it does."""
+    """When the filter concludes that it is lost, and its reaction."""
 
     lockout_epochs: Annotated[int, Field(ge=2)] = Field(
         5,
-        description="consecutive epochs with most rows refused before position, velocity and clock are set anew,"
+        description="consecutive epochs with most rows refused before position, velocity and clock are reset,"
         " or with too few satellites the clock alone",
     )
     strain_nis: Positive = Field(
@@ -254,12 +252,12 @@ class HealthConfig(StrictModel):
         10.0, description="for that long means the filter is lost though it refuses little"
     )
     recovery: bool = Field(
-        True, description="whether the filter may be set right; off: it stays as it is, whatever the rows say"
+        True, description="whether the filter may be reset; off: it stays as it is, whatever the rows show"
     )
     suspicion_sigma: NotNegative = Field(
         4.5,
-        description="of what all satellites show against the prediction over eight seconds, from which the last"
-        " minute is looked at once more; a filter that is right comes to it once in several hours; 0: never",
+        description="of all satellites' common deviation from the prediction over eight seconds, above which the last"
+        " minute is rerun under supposed faults; a correct filter reaches it once in several hours; 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"
@@ -297,7 +295,7 @@ class HeadingConfig(StrictModel):
 
 
 class Adaptation(StrictModel):
-    """How far the filter may correct its assumed noise levels by what it sees."""
+    """How far the filter may correct its assumed noise levels from its residuals."""
 
     on: bool = True
     memory_s: Positive = Field(30.0, ge=1e-3, description="over which the levels follow")
@@ -319,11 +317,11 @@ class Visibility(StrictModel):
     hysteresis_db: NotNegative = Field(1.0, description="more than that, for a hidden satellite to return")
     margin_sigma: NotNegative = Field(
         3.0,
-        description="of what the attitude's uncertainty makes of the gain: nearer, nothing is decided anew",
+        description="of the gain, by the attitude's uncertainty: nearer to the threshold, the decision stays",
     )
     uncertain: Literal["keep", "hide", "deweight"] = Field(
         "deweight",
-        description="what becomes of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
+        description="treatment of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
         "use with more noise",
     )
     # A steady reflection is tens of metres too long, at most some 60; what is far larger the gate refuses. A path that
@@ -335,7 +333,7 @@ class Visibility(StrictModel):
     heading_sigma_limit_deg: Positive = Field(
         5.0, description="masking waits while the heading is less certain"
     )
-    use_masked: bool = Field(False, description="measurements of hidden satellites are used all the same")
+    use_masked: bool = Field(False, description="measurements of hidden satellites are still used")
 
 
 class SlowErrors(StrictModel):
@@ -350,15 +348,17 @@ class SlowErrors(StrictModel):
         description="orbit and clock of the message, along the line of sight",
     )
     precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
-    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, what the ionosphere's model leaves")
+    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, the residual of the ionosphere model")
     no_ionosphere_zenith_m: NotNegative = Field(
-        5.0, description="the same where there is no model, or nobody has its coefficients"
+        5.0, description="the same without a model, or without its coefficients"
     )
     ionosphere_gradient_per_1000_km: NotNegative = Field(
         0.6, description="of the zenith's error, to the north and to the east"
     )
-    troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
-    with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
+    troposphere_zenith_m: NotNegative = Field(0.05, description="the residual of the troposphere model")
+    with_base_share: NotNegative = Field(
+        0.1, description="of all of these, after corrections of a base station"
+    )
     satellite_time_s: Positive = Field(
         3600.0, description="correlation time of a satellite's error, where it is a state of the filter"
     )
@@ -375,7 +375,7 @@ class FilterConfig(StrictModel):
     name: str = ""
     based_on: str = Field(
         "",
-        description="a filter's name or file (.toml): what this file leaves out is as there, table by table",
+        description="a filter's name or file (.toml): settings that this file omits come from it, table by table",
     )
     measurements: Measurements = Measurements()
     pseudorange_noise_m: NoiseConfig = Field(

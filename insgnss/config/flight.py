@@ -51,7 +51,7 @@ class ImuGrade(StrictModel):
     accel_scale_factor_ppm: NonNegativeFloat = 0.0
     gyro_range_deg_per_s: PositiveFloat | None = None
     accel_range_g: PositiveFloat | None = None
-    # of data sheets or an Allan deviation that tell more; quantisation and bandwidth are the simulation's alone
+    # of data sheets or an Allan deviation that say more; quantisation and bandwidth are the simulation's alone
     gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
     gyro_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
     gyro_g_sensitivity_deg_per_h_per_g: NonNegativeFloat = 0.0
@@ -111,7 +111,7 @@ class ImuConfig(LogTable):
     @model_validator(mode="after")
     def _axes_are_given_in_one_way(self) -> ImuConfig:
         if self.gyro_axes is not None and self.mounting_matrix is not None:
-            raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
+            raise ValueError("gyro_axes goes with axes: mounting_matrix rotates both sensors")
         if self.axes != ("+x", "+y", "+z") and self.mounting_matrix is not None:
             raise ValueError("axes and mounting_matrix say the same thing twice: give one of them")
         return self
@@ -165,7 +165,7 @@ class ObservationLog(LogTable):
         None, description="constellation of satellites written as bare numbers, by its letter in RINEX"
     )
     system_codes: dict[str, System] = Field(
-        {}, description="what the column of constellations holds where it is no name or letter: 1 = 'G'"
+        {}, description="what the column of constellations holds if it is not a name or letter: 1 = 'G'"
     )
 
     @model_validator(mode="after")
@@ -193,7 +193,7 @@ class Base(ObservationLog):
 
 
 class MountedAntenna(StrictModel):
-    """A receiving antenna: where it sits, how it is turned, what it sees and what the airframe hides of its sky."""
+    """A receiving antenna: where it sits, how it is turned, its field of view and the airframe's obstructions."""
 
     name: str = ""
     pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
@@ -207,7 +207,7 @@ class MountedAntenna(StrictModel):
     mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
         None, description="C_ba, antenna axes to body axes; instead of mounting_rpy_deg"
     )
-    obstruction: Path | None = Field(None, description="file of what the airframe hides (TOML)")
+    obstruction: Path | None = Field(None, description="file of the airframe's obstructions (TOML)")
 
     @model_validator(mode="after")
     def _is_turned_in_one_way(self) -> MountedAntenna:
@@ -220,13 +220,13 @@ class MountedAntenna(StrictModel):
         turns = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         if max(map(abs, skew)) > _ROTATION_TOLERANCE or turns < 0.0:
             raise ValueError(
-                "mounting_matrix is no rotation: its rows are not three right-handed unit vectors"
+                "mounting_matrix is not a rotation: its rows are not three right-handed unit vectors"
             )
         return self
 
 
 class Gnss(ObservationLog):
-    """A GNSS log, what says where the satellites were, and the antenna."""
+    """A GNSS log, the source of satellite positions, and the antenna."""
 
     navigation: tuple[Path, ...] = ()
     precise: tuple[Path, ...] = Field((), description="SP3 orbits and RINEX clocks, instead of the messages")
@@ -235,7 +235,7 @@ class Gnss(ObservationLog):
     )
     base: Base | None = None
     glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
-        {}, description="frequency channels that neither log nor messages tell: R07 = -3"
+        {}, description="frequency channels that neither log nor messages state: R07 = -3"
     )
     rate_sign: Literal["standard", "reversed"] = Field(
         "standard", description="reversed: Doppler and range rates count against their standard signs"
@@ -301,7 +301,7 @@ class Reference(LogTable):
 
 
 class FurtherAntenna(MountedAntenna):
-    """An antenna beside that of [gnss], with a log of its own."""
+    """A further antenna with a log of its own."""
 
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
@@ -316,7 +316,7 @@ class FurtherAntenna(MountedAntenna):
 
 
 class AttitudeConfig(StrictModel):
-    """Several antennas whose carrier phase differences tell the attitude."""
+    """Several antennas whose carrier phase differences give the attitude."""
 
     clocks: Literal["common", "separate"] = Field(
         description="one oscillator drives all receivers, or each has its own"
@@ -327,13 +327,13 @@ class AttitudeConfig(StrictModel):
     main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
     phase_sigma_m: PositiveFloat = Field(0.002, description="of one antenna's phase at 45 dBHz")
     phase_floor_m: NonNegativeFloat = Field(
-        0.0, description="white noise of one antenna's phase whatever its C/N0, beside that"
+        0.0, description="white noise of one antenna's phase whatever its C/N0, in addition"
     )
     phase_elevation_m: NonNegativeFloat = Field(
         0.0, description="and white noise that grows as one over the sine of the elevation"
     )
-    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, beside that")
-    multipath_time_s: NonNegativeFloat = Field(60.0, description="how long reflections stay alike")
+    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, in addition")
+    multipath_time_s: NonNegativeFloat = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
         2.0, description="of the second best whole cycles' loss to the best's, to be believed"
     )

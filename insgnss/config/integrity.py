@@ -12,7 +12,7 @@ Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 class Integrity(StrictModel):
-    """What a protection level promises, and against which faults (``replay(..., integrity=True)``)."""
+    """The risk of a protection level, and the faults that it covers (``replay(..., integrity=True)``)."""
 
     risk: Probability = Field(
         1e-7,

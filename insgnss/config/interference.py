@@ -1,4 +1,4 @@
-"""The schema of interference along a path: the emitters, the receiver's loops, and what disturbs them."""
+"""The schema of interference along a path: the emitters, the receiver's loops, and their disturbances."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Emitter(StrictModel):
 
 
 class LoopReceiver(StrictModel):
-    """The receiver whose phase loops are looked at."""
+    """The receiver whose phase loops are studied."""
 
     signals: dict[System, str] = Field(DEFAULT_SIGNALS, description="RINEX code tracked, per constellation")
     # Minimum of GPS C/A at an antenna of 0 dBic [IS-GPS-200N, table 3-Va]; in fact up to 5 dB more
@@ -66,7 +66,7 @@ class LoopReceiver(StrictModel):
 
 
 class LoopDynamics(StrictModel):
-    """What the loops have to follow."""
+    """The motion that the loops have to follow."""
 
     oscillator_density: Positive | None = Field(
         None, description="one-sided [rad^2/s^3] at 1575.42 MHz; that of the run's oscillator when left out"

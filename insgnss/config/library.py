@@ -1,6 +1,6 @@
-"""Finds and reads what lies in the model library: sensor grades, oscillators, filters, antenna patterns, scenarios.
+"""Finds and reads the models of the library: sensor grades, oscillators, filters, antenna patterns, scenarios.
 
-A name is looked for in the user's folders, then in ``INSGNSS_MODELS`` (several folders like a search path), then in
+A name is searched in the user's folders, then in ``INSGNSS_MODELS`` (several folders like a search path), then in
 the repository's ``models/``, then in the copy that the wheel carries. A user's folder may hold the kinds in folders of
 their own (``imus/mine.toml``) or the files directly.
 """
@@ -38,7 +38,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def search_folders(kind: str, extra_paths: Sequence[Path] = ()) -> list[Path]:
-    """Return the folders in which a kind of model is looked for, the first hit wins."""
+    """Return the folders in which a kind of model is searched, the first hit wins."""
     named = [Path(part) for part in os.environ.get("INSGNSS_MODELS", "").split(os.pathsep) if part]
     roots = [*(Path(path) for path in extra_paths), *named]
     own = [_PACKAGE.parent / "models", _PACKAGE / "_models"]
@@ -85,7 +85,7 @@ def file_of(kind: str, named: str | Path, folder: Path = Path()) -> Path:
 
 
 def about(kind: str, name: str) -> str:
-    """Return what a model is: the comment that its file begins with, up to the first full stop that ends a line."""
+    """Return a model's description: its file's first comment, up to the first full stop that ends a line."""
     told: list[str] = []
     for line in find(kind, name).read_text(encoding="utf-8").splitlines():
         if not line.startswith("#") or (told and told[-1].endswith((".", "?"))):
@@ -136,7 +136,7 @@ def filter_config(
 
     Parameters
     ----------
-    settings : what is to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
+    settings : changed settings, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
 
     Raises
     ------
@@ -152,7 +152,7 @@ def filter_config(
 
 
 def _filter_of_file(path: Path, above: tuple[Path, ...] = ()) -> FilterConfig:
-    """Return a file's settings; what it leaves out is as in the filter that it is based on."""
+    """Return a file's settings; omitted settings come from the filter that it is based on."""
     based_on = read_toml(path).get("based_on")
     if not (isinstance(based_on, str) and based_on):
         return load_toml(path, FilterConfig)

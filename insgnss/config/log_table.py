@@ -1,4 +1,4 @@
-"""The schema of what a flight file says of any table: how its time counts, and how columns and numbers are written."""
+"""The schema of any table in a flight file: how its time counts, and how columns and numbers are written."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TimeScale(StrictModel):
 
     unit: Literal["s", "ms", "us", "ns"] = "s"
     origin: Literal["gps_week", "gps_epoch", "unix_epoch", "calendar"] = Field(
-        "gps_week", description="what numbers count from; 'calendar': dates, as 2025-08-28T17:30:22.961Z"
+        "gps_week", description="the origin of numbers; 'calendar': dates, as 2025-08-28T17:30:22.961Z"
     )
     date_order: Literal["ymd", "dmy", "mdy"] = Field("ymd", description="of year, month and day in a date")
     scale: Literal["gps", "utc"] = Field("gps", description="of dates 'utc' or 'gps' must be given")
@@ -64,7 +64,7 @@ class TimeScale(StrictModel):
 
 
 class LogColumns(StrictModel):
-    """Names of the columns of a log, no two alike; a number names a column of a file without a header."""
+    """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
     time: ColumnName = "time_s"
     date: ColumnName = Field(NO_COLUMN, description="of dates, where the time column holds the time of day")
@@ -96,7 +96,7 @@ class LogTable(StrictModel):
 
     columns: LogColumns = LogColumns()
     time: TimeScale = TimeScale()
-    decimal: Literal[".", ","] = Field(".", description="what stands before the decimals of every number")
+    decimal: Literal[".", ","] = Field(".", description="the decimal mark of every number")
 
     @model_validator(mode="after")
     def _time_columns_fit_the_origin(self) -> Self:

@@ -1,4 +1,4 @@
-"""The schema of a list of manoeuvres: what a vehicle does, one after the other, in a scenario file.
+"""The schema of a list of manoeuvres: a vehicle's manoeuvres in sequence, in a scenario file.
 
 Each entry ``[[manoeuvre]]`` has a ``kind`` and the keys of that kind. Angles to the right are positive.
 """
@@ -137,7 +137,7 @@ class Sea(StrictModel):
 
 
 class Ascent(StrictModel):
-    """A sounding rocket: it stands on its rail, follows its nose, burns, spins, and coasts. The only manoeuvre."""
+    """A sounding rocket: it waits on its rail, flies along its axis, burns, spins, and coasts. The only manoeuvre."""
 
     kind: Literal["ascent"]
     duration_s: Positive = Field(description="of everything, the wait on the rail included")

@@ -1,4 +1,4 @@
-"""The schema of a receiver on samples: how it samples, acquires, tracks, and what it knows at the start."""
+"""The schema of a receiver on samples: how it samples, acquires, tracks, and its knowledge at the start."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SampledLoops(StrictModel):
 
 
 class SampleReceiver(StrictModel):
-    """A receiver on samples, its tight filter beside it."""
+    """A receiver on samples with its tight filter."""
 
     rate_hz: Annotated[float, Field(ge=1e5, le=1e9)] = Field(4e6, description="samples per second")
     intermediate_hz: float = Field(0.0, description="of the carrier without Doppler in the samples")
@@ -67,7 +67,7 @@ class SampleReceiver(StrictModel):
     )
     leave_lock: Annotated[float, Field(gt=-1.0, lt=1.0)] = Field(0.35, description="below it they are not")
     drop_after_s: Positive = Field(
-        2.0, description="without lock, then the channel is closed and searched anew"
+        2.0, description="without lock, then the channel is closed and searched again"
     )
     search: Search = Search(
         detection=Detection(coherent_limit_s=0.01), guards=Guards(threshold_cn0_dbhz=20.0, retry_s=2.0)

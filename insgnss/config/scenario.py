@@ -18,7 +18,7 @@ Range = tuple[float, float]
 
 
 class SatelliteTrack(StrictModel):
-    """Where a satellite stands at the start and at the end; azimuth and elevation change linearly between."""
+    """A satellite's direction at the start and at the end; azimuth and elevation change linearly between."""
 
     sv: SatelliteName
     azimuth_deg: tuple[float, float]
@@ -26,7 +26,7 @@ class SatelliteTrack(StrictModel):
 
 
 class ScenarioSite(StrictModel):
-    """The point from which the tracks are seen; the user at rest stands there, the flight begins there."""
+    """The point from which the tracks are seen; the user at rest is there, the flight begins there."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -34,7 +34,7 @@ class ScenarioSite(StrictModel):
 
 
 class ScenarioMeasurements(StrictModel):
-    """How often and how well the receiver measures; every satellite alike."""
+    """How often and how well the receiver measures; the same for every satellite."""
 
     range_variance_m2: Positive
     rate_variance_m2ps2: Positive
@@ -51,7 +51,7 @@ class Equipment(StrictModel):
 
 
 class StartSigmas(StrictModel):
-    """What is known at the start, one sigma; position and velocity of each axis."""
+    """The uncertainty at the start, one sigma; position and velocity of each axis."""
 
     sd_position_m: Positive
     sd_velocity_mps: Positive
@@ -76,7 +76,7 @@ class SatelliteOutage(StrictModel):
 
 
 class ScenarioAntenna(StrictModel):
-    """The antenna as the visibility stage knows it, and what the airframe truly lets through."""
+    """The antenna as the visibility stage models it, and the airframe's true obstruction."""
 
     pattern: str
     threshold_gain_dbic: float
@@ -106,11 +106,11 @@ class ScenarioFlight(StrictModel):
 
 
 class FalseLockModel(StrictModel):
-    """What a channel reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
+    """A channel's reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
 
     name: Annotated[str, Field(min_length=1)]
     begins: Literal["at_loss", "in_search"] = Field(
-        "in_search", description="with the loss, or where a sweep of the search comes upon it"
+        "in_search", description="with the loss, or when a sweep of the search hits it"
     )
     offset_m: Range = Field(description="of the pseudorange, when it begins")
     growth_mps: Range = Field((0.0, 0.0), description="of that offset")
@@ -133,7 +133,8 @@ class ReceiverChannels(StrictModel):
     """The receiver's channels."""
 
     release_s: NotNegative = Field(
-        0.5, description="a false lock out of the direct signal's reach is noticed so long after that is back"
+        0.5,
+        description="a false lock out of the direct signal's reach is noticed so long after the signal returns",
     )
     supervisor_rate_hz: Positive = Field(50.0, description="of the supervisor's decisions")
 
@@ -167,7 +168,7 @@ class ScenarioConfig(StrictModel):
         names = [track.sv for track in satellites]
         twice = sorted({sv for sv in names if names.count(sv) > 1})
         if twice:
-            raise ValueError(f"every satellite stands once; {', '.join(twice)} stands twice")
+            raise ValueError(f"every satellite appears once; {', '.join(twice)} appears twice")
         return satellites
 
     @field_validator("outage")

@@ -42,7 +42,7 @@ class Detection(StrictModel):
 
 
 class Grid(StrictModel):
-    """The cells in which a signal is looked for. With the default steps the mean loss over a cell is 1.6 dB."""
+    """The cells of a search. With the default steps the mean loss over a cell is 1.6 dB."""
 
     chip_rate_hz: Positive = Field(1.023e6, description="of the code; GPS L1 C/A, IS-GPS-200N 3.3.2.3")
     code_chips: Count = Field(1023, description="period of the code: no search is wider")
@@ -54,7 +54,7 @@ class Grid(StrictModel):
         2.0 / 3.0, description="step times coherent accumulation time; sinc^2 loses 1.6 dB at the edge"
     )
     sigmas: Positive = Field(3.0, description="half width of the window in sigmas of the prediction")
-    correlators: Count = Field(100, description="cells that are looked at in parallel")
+    correlators: Count = Field(100, description="cells that are searched in parallel")
 
 
 class Aperture(StrictModel):

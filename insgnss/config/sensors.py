@@ -35,7 +35,7 @@ AngleSigmas = tuple[AngleSigma, AngleSigma, AngleSigma]
 
 
 class SensorLog(LogTable):
-    """What every further sensor's table has."""
+    """The keys of every further sensor's table."""
 
     kind: str
     name: Name = Field("", description="of the sensor in ledger, columns and events; its kind when left out")
@@ -55,7 +55,7 @@ class SensorLog(LogTable):
 
     @property
     def value_columns(self) -> tuple[str, ...]:
-        """The columns of what is measured; ``NO_COLUMN`` where the log lacks one."""
+        """The columns of the measurements; ``NO_COLUMN`` where the log lacks one."""
         raise NotImplementedError
 
     @property
@@ -80,7 +80,7 @@ class Odometer(SensorLog):
     metres_per_count: PositiveFloat | None = Field(
         None, description="the column counts pulses of so many metres (a trip meter in metres: 1)"
     )
-    signed: bool = Field(True, description="false: it does not tell forwards from backwards")
+    signed: bool = Field(True, description="false: it reads the same forwards and backwards")
     least_speed_mps: NonNegativeFloat = Field(0.0, description="below this speed it reads zero")
     lever_arm_m: LeverArm = Field(
         (0.0, 0.0, 0.0), description="IMU to the wheel that does not steer: forward, right, down"
@@ -145,7 +145,7 @@ class MagnetometerColumns(LogColumns):
 
 
 class Magnetometer(SensorLog):
-    """The magnetic field along three axes, of which the horizontal part tells the heading."""
+    """The magnetic field along three axes, whose horizontal part gives the heading."""
 
     kind: Literal["magnetometer"]
     columns: MagnetometerColumns = MagnetometerColumns()
@@ -160,7 +160,9 @@ class Magnetometer(SensorLog):
         description="of the place and year: magnetic north east of true north, as a calculator of the World Magnetic"
         " Model says"
     )
-    declination_sigma_deg: AngleSigma = Field(0.5, description="of what the calculator cannot know")
+    declination_sigma_deg: AngleSigma = Field(
+        0.5, description="of the part that the calculator does not model"
+    )
     horizontal_ut: PositiveFloat = Field(
         description="horizontal intensity of the field [uT], from the same calculator; 15 to 40 at most places"
     )
@@ -202,7 +204,7 @@ class HeadingSensor(SensorLog):
     unit: Literal["deg", "rad"] = Field("deg", description="of headings, clockwise from north, and sigmas")
     declination_deg: Angle = Field(0.0, description="added: of a heading from magnetic north")
     offset_deg: Angle = Field(0.0, description="added: the vehicle's heading minus that of the device")
-    offset_sigma_deg: AngleSigma = Field(0.5, description="of what stays unknown of it")
+    offset_sigma_deg: AngleSigma = Field(0.5, description="of the remaining uncertainty")
     sigma_deg: AngleSigma = 1.0
 
     @property
@@ -267,7 +269,7 @@ class PositionSensor(SensorLog):
         "geodetic", description="latitude, longitude [deg] and height [m]; or x, y, z [m]"
     )
     height: Literal["ellipsoid", "sea_level"] = Field(
-        "ellipsoid", description="what the heights are above; sea_level: EGM96, as in NMEA"
+        "ellipsoid", description="the zero of the heights; sea_level: EGM96, as in NMEA"
     )
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the point whose position it is")
     sigma_m: Sigmas3 | None = Field(None, description="north, east, down, where the log has no sigmas")

@@ -1,6 +1,6 @@
 """The schema of ``[[sensor]]`` in a scenario file, and of the faults of such sensors.
 
-Each error of a simulated sensor is drawn with the sigma that stands here, and the flight file that goes with the logs
+Each error of a simulated sensor is drawn with the sigma given here, and the flight file of the logs
 declares the same sigmas: what the filter assumes is then true, but for the faults.
 """
 
@@ -19,14 +19,14 @@ _CENTRE: LeverArm = (0.0, 0.0, 0.0)
 
 
 class SimulatedSensorLog(StrictModel):
-    """What every simulated sensor has."""
+    """The keys of every simulated sensor."""
 
     kind: str
     name: Name = Field("", description="its kind when left out")
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
     noise_time_s: NonNegativeFloat = Field(0.0, description="how long the noise lasts; 0: white")
     time_offset_s: Annotated[float, Field(ge=-10.0, le=10.0)] = Field(
-        0.0, description="by which its tags are late; the flight file does not tell"
+        0.0, description="by which its tags are late; not in the flight file"
     )
 
     @property
@@ -132,7 +132,7 @@ class Draught(TimedFault):
 
 
 class MagneticDisturbance(TimedFault):
-    """A motor, a current or steel beside the magnetometer."""
+    """A motor, a current or steel near the magnetometer."""
 
     kind: Literal["disturbance"]
     sensor: str = "magnetometer"

@@ -1,4 +1,4 @@
-"""The schema of a simulation's scenario file: how the vehicle moves, what it carries, the sky, and what fails."""
+"""The schema of a simulation's scenario file: the vehicle's motion and equipment, the sky, and the faults."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class SimulatedClock(StrictModel):
 
 
 class _AnySky(StrictModel):
-    """What every sky may have."""
+    """The keys of every sky."""
 
     qzss: tuple[GpsSatellite, ...] = Field(
         (), max_length=10, description="satellites that belong to QZSS instead: they become J01, J02, ..."
@@ -126,7 +126,7 @@ class YumaSky(_AnySky):
 
 
 class TableSatellite(StrictModel):
-    """Where a satellite stands at the start, and towards where it should go until the end."""
+    """A satellite's direction at the start, and the direction it should reach at the end."""
 
     sv: GpsSatellite
     azimuth_deg: tuple[float, float]
@@ -144,7 +144,7 @@ class TableSky(_AnySky):
     def _each_one_once(cls, rows: tuple[TableSatellite, ...]) -> tuple[TableSatellite, ...]:
         names = [row.sv for row in rows]
         if len(set(names)) != len(names):
-            raise ValueError("a satellite stands twice in the table")
+            raise ValueError("a satellite appears twice in the table")
         return rows
 
 
@@ -189,7 +189,7 @@ class Specular(StrictModel):
 
 
 class EphemerisErrors(StrictModel):
-    """What the messages are wrong by, constant in the orbit's axes, one sigma."""
+    """The errors of the messages, constant in the orbit's axes, one sigma."""
 
     radial_m: NonNegativeFloat = 0.0
     along_m: NonNegativeFloat = 0.0
@@ -198,7 +198,7 @@ class EphemerisErrors(StrictModel):
 
 
 class AirErrors(StrictModel):
-    """What the models of the air leave, Gauss-Markov at the zenith, one sigma."""
+    """The residuals of the atmosphere models, Gauss-Markov at the zenith, one sigma."""
 
     ionosphere_m: NonNegativeFloat = Field(0.0, description="at the zenith on L1")
     troposphere_m: NonNegativeFloat = 0.0
@@ -206,7 +206,7 @@ class AirErrors(StrictModel):
 
 
 class SimulatedGnss(StrictModel):
-    """The receiver: what it tracks, how well, and what disturbs it."""
+    """The receiver: its signals, their noise, and disturbances."""
 
     rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
     signals: tuple[GpsSignal, ...] = Field(("C1C",), min_length=1)
@@ -241,7 +241,7 @@ class SimulatedGnss(StrictModel):
 
 
 class SimulatedAntenna(MountedAntenna):
-    """An antenna beside that of [gnss], with a receiver and a log of its own."""
+    """A further antenna with a receiver and a log of its own."""
 
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
@@ -296,9 +296,7 @@ class SimulationConfig(StrictModel):
             raise ValueError("two sensors have the same name")
         for fault in self.sensor_faults:
             if fault.sensor not in kinds:
-                raise ValueError(
-                    f"the fault '{fault.kind}' is of a sensor '{fault.sensor}' that there is not"
-                )
+                raise ValueError(f"the fault '{fault.kind}' names an unknown sensor '{fault.sensor}'")
             alone = kinds[fault.sensor] in ("odometer", "barometer", "heading")
             if isinstance(fault, SensorStep) and len(fault.size) != (1 if alone else 3):
                 raise ValueError(f"a step of '{fault.sensor}' has {1 if alone else 3} component(s)")

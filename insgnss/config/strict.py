@@ -41,7 +41,7 @@ _SCALAR_BRANCHES: Final = ("string_type", "literal_error")
 _TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
 
 
-# What no setting of any kind reaches, in SI units or those in its name: the square of a number beyond leaves the range
+# Larger than any setting, in SI units or those in its name: the square of a larger number leaves the range
 # in which sums of squares still are numbers; a smaller one is zero with a slip of the keyboard. A component of a vector
 # may be as small as it likes: a velocity of 1e-68 m/s comes out of a computation.
 _LARGEST_NUMBER: Final = 1e15
@@ -53,7 +53,7 @@ _SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest 
 
 
 class StrictModel(BaseModel):
-    """A frozen model that refuses unknown keys, numbers that are not finite, and numbers that nothing has."""
+    """A frozen model that refuses unknown keys, numbers that are not finite, and impossible numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
 
@@ -64,7 +64,7 @@ class StrictModel(BaseModel):
         most = largest_size(cls, str(info.field_name)) or _LARGEST_NUMBER
         for number in _numbers(value):
             if abs(number) > most or 0.0 < abs(number) < least:
-                raise ValueError(f"{number!r:.24} is no size that any setting has")
+                raise ValueError(f"{number!r:.24} is too large or too small for any setting")
         return value
 
 
@@ -106,12 +106,12 @@ def load_toml(path: str | Path, model: type[Model], base: Mapping[str, Any] | No
 
     Parameters
     ----------
-    base : what the file leaves out, table by table
+    base : defaults for what the file omits, table by table
 
     Raises
     ------
     MissingFileError : there is no such file
-    ConfigError : the file is no TOML, or a key is unknown, missing, of the wrong type or out of range. All errors are
+    ConfigError : the file is not TOML, or a key is unknown, missing, of the wrong type or out of range. All errors are
         listed; line and key are those of the first
     """
     path = existing_file(Path(path))
@@ -120,12 +120,12 @@ def load_toml(path: str | Path, model: type[Model], base: Mapping[str, Any] | No
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return what a TOML file says, not checked against any schema.
+    """Return the content of a TOML file, not checked against any schema.
 
     Raises
     ------
     MissingFileError : there is no such file
-    ConfigError : the file is no TOML
+    ConfigError : the file is not TOML
     """
     return _parse(existing_file(Path(path)))[1]
 
@@ -162,13 +162,13 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
         text = path.read_bytes().decode("utf-8-sig")
         return text, tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise ConfigError("this is no text in UTF-8", file=path, advice="save the file in UTF-8") from error
+        raise ConfigError("the file is not UTF-8 text", file=path, advice="save the file in UTF-8") from error
     except RecursionError:
         raise _too_deep(path) from None
     except tomllib.TOMLDecodeError as error:
         found = re.search(r"line (\d+)", str(error))
         raise ConfigError(
-            f"this is no TOML: {error}",
+            f"invalid TOML: {error}",
             file=path,
             line=int(found[1]) if found else None,
             advice="texts need quotes, tables look like [imu], arrays like [1, 2, 3]",
@@ -237,7 +237,7 @@ def _describe(
 
 
 def _unknown_kind(error: ErrorDetails) -> tuple[str, str]:
-    """Return message and advice for a table of which its ``kind`` should say what it is."""
+    """Return message and advice for a table whose ``kind`` is missing or unknown."""
     context = error.get("ctx", {})
     known = re.findall(r"'([^']*)'", str(context.get("expected_tags", "")))
     if error["type"] == "union_tag_not_found":
@@ -249,7 +249,7 @@ def _unknown_kind(error: ErrorDetails) -> tuple[str, str]:
 
 
 def _kind_at(path: Sequence[str | int], data: Any) -> str | None:
-    """Return the ``kind`` of the table that a path's last key stands in, None where tables have no kinds."""
+    """Return the ``kind`` of the table that holds a path's last key, None where tables have no kinds."""
     for part in path[:-1]:
         data = data[part]
     kind = data.get("kind") if isinstance(data, Mapping) else None
@@ -312,7 +312,7 @@ def _purpose(path: tuple[str, ...], model: type[BaseModel]) -> str:
 
 
 def _fields_at(path: tuple[str, ...], model: type[BaseModel], kind: str | None) -> list[str]:
-    """Return the keys of a table; of tables told apart by their kind, those of its own."""
+    """Return the keys of a table; of a table that has a kind, those of its kind."""
     tables = _tables_at(path, model)
     own = [
         t for t in tables if "kind" in t.model_fields and kind in get_args(t.model_fields["kind"].annotation)
@@ -330,7 +330,7 @@ def _tables_at(path: tuple[str, ...], model: type[BaseModel]) -> list[type[BaseM
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """Return the schemas that stand in an annotation, alone, in a union or as entries of an array."""
+    """Return the schemas in an annotation, alone, in a union or as entries of an array."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if isinstance(annotation, type) and not get_args(annotation) and not isinstance(annotation, UnionType):

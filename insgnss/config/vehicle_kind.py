@@ -1,4 +1,4 @@
-"""What kind of vehicle carries the equipment, and which measurements its motion makes without any sensor.
+"""The kind of vehicle, and the measurements that its motion makes without any sensor.
 
 `VEHICLE_KINDS` is the one table of defaults; every number can be given in the flight file instead. Sigmas are of the
 vehicle's real motion, before its correlation in time is counted (``insgnss.sensors.vehicle_motion``).

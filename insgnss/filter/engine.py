@@ -3,7 +3,7 @@
 It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
 back to the state before it and runs forward again over the samples and epochs since. Rows of a time tag that it knows
 already join that epoch, which is done again in the same way. An epoch outside the inertial samples is passed over, once
-it is certain that none will come. So what the engine says of an epoch in the end is, bit for bit, what ``replay`` says.
+it is certain that none will come. So the engine's final result for an epoch is, bit for bit, that of ``replay``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
 
 _LONG_AGO_NS = -(2**62)
-_HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
+_HISTORY_S = 6.0  # of samples before the oldest state kept: the memory of a start
 
 
 class FilterEngine:
@@ -50,7 +50,7 @@ class FilterEngine:
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    what has become final since the last call, ``engine.events`` all that happened.
+    the rows that became final since the last call, ``engine.events`` all events.
     """
 
     def __init__(self, setup: FilterSetup) -> None:
@@ -139,16 +139,16 @@ class FilterEngine:
     def _waits(self, t_ns: int) -> bool:
         """Return whether samples are still to come at or after a time.
 
-        A single sample between gaps is no stretch that a filter could run over: its own epoch waits for the second.
+        A filter cannot run over a single sample between gaps: its epoch waits for the second sample.
         """
         newest = self._samples.last_ns
         return newest is None or t_ns > newest or t_ns == newest == self._first_ns
 
     def _at_sample(self, t_ns: int) -> None:
-        """Do what there is to be done at each sample, the filter carried to it; here nothing."""
+        """Hook at each sample, with the filter carried to it; here nothing."""
 
     def _before_epoch(self, epoch: GnssTable) -> None:
-        """Do what there is to be done before an epoch's update, the filter at the epoch before; here nothing."""
+        """Hook before an epoch's update, with the filter at the epoch before; here nothing."""
 
     def gnss(self, epoch: GnssTable, antenna: str | None = None) -> None:
         """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch, in the order they come.
@@ -228,7 +228,7 @@ class FilterEngine:
         return sorted(self._done + self._told(), key=lambda e: -1 if e.t_ns is None else e.t_ns)
 
     def _told(self) -> list[Event]:
-        """Return what the filter of this stretch has told so far."""
+        """Return the events of this stretch's filter so far."""
         return self._navigator.events + still_uncertain(self._navigator.bank, self._setup.config.visibility)
 
     def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
@@ -264,7 +264,7 @@ class FilterEngine:
         return rows
 
     def _cut(self, cut: Cut) -> None:
-        """Begin anew, with what the filter leaves behind."""
+        """Restart with the filter's carried start."""
         last_ns = self._samples.last_ns
         assert last_ns is not None  # a cut has a sample before it
         self._started = self._started or self._navigator.started_ns is not None
@@ -279,7 +279,7 @@ class FilterEngine:
         self._begin(None if kept is None else kept_over(kept, cut))
 
     def _set_back(self) -> None:
-        """Begin anew after tags that were wrong: what they made of the filter goes with them."""
+        """Restart after wrong tags: the filter that they produced is dropped."""
         self._done += self._told()
         self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         self._own.keep(self._navigator.own, (self._first_ns, self._samples.last_ns or self._first_ns))
@@ -299,7 +299,7 @@ class FilterEngine:
         self._closed_ns = max(self._closed_ns, t_ns)
 
     def _insert(self, epoch: GnssTable) -> None:
-        """Put an epoch in its place, also in that of its own earlier rows, and run forward over it and those after it.
+        """Insert an epoch, also replacing its own earlier rows, and run forward over it and those after it.
 
         One outside the inertial samples leaves the filter as it is, and no state is kept of it.
         """
@@ -340,7 +340,7 @@ class FilterEngine:
         if self._live is None:
             self._live = copy_bank(bank)
         if not self._carry(self._live, newest):
-            self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
+            self._live = None  # a wild sample: there is no answer until an epoch restarts the filter
 
     def _carry(self, bank: Bank, t_ns: int) -> bool:
         """Carry a bank to a sample, by way of the own rows; return whether it is finite there."""
@@ -354,7 +354,7 @@ class FilterEngine:
         return self._recent[-1].rows if self._recent else self._rows(empty_epoch())
 
     def _settle(self) -> None:
-        """Let go of what no late epoch can reach any more: states, epochs and samples."""
+        """Drop states, epochs and samples that no late epoch can reach any more."""
         newest = self._samples.last_ns
         if newest is None:
             return

@@ -1,4 +1,4 @@
-"""What the streaming engine gives out."""
+"""The results of the streaming engine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class NavState:
 
 @dataclass
 class EpochResult:
-    """What became of one epoch: its rows and the loop's output for them.
+    """The result of one epoch: its rows and the loop's output for them.
 
     A further antenna's epoch that belongs to no main one has a result of its own, with differences alone.
     """
@@ -36,7 +36,7 @@ class EpochResult:
     gnss: GnssTable
     rows: GnssRows
     out: Output
-    differences: PhaseLog | None = None  # what several antennas' phases came to; None with one antenna
+    differences: PhaseLog | None = None  # results of several antennas' phases; None with one antenna
 
     def refuse(self, what: str, newest_ns: int, latency_ns: int) -> Event:
         """Mark what could have been used as too late, and return the event that says so."""

@@ -1,6 +1,6 @@
-"""What may help the filter at an epoch from outside of the compiled loop, as the navigator sees it.
+"""The interface of a stage that helps the filter at an epoch from outside the compiled loop.
 
-Only the interface stands here: a filter that nobody helps does not load what the help is made of.
+Only the interface is here: a filter without help does not load its implementation.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from insgnss.tables import Event, Float64
 class EpochAid(Protocol):
     """A stage that follows each epoch's own update, with a memory of its own."""
 
-    log: PhaseLog | None  # where it finds the phases of an epoch, and writes what became of them
+    log: PhaseLog | None  # where it finds the phases of an epoch, and writes their status
 
     @property
     def remarks(self) -> tuple[Event, ...]:
-        """What is worth telling of the antennas themselves."""
+        """Events about the antennas themselves."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the antennas, the main one first."""
 
     def use(self, bank: Bank, t_ns: int, w_ib_b: Float64, par: Parameters) -> tuple[Bank, int]:
-        """Update a bank that stands at an epoch; return it and how many measurements were used."""
+        """Update a bank at an epoch; return it and how many measurements were used."""
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""

@@ -30,7 +30,7 @@ class FurtherArrivals:
 
     @property
     def remarks(self) -> list[Event]:
-        """What is worth telling of the antennas themselves."""
+        """Events about the antennas themselves."""
         return [] if self._setup.aid is None else list(self._setup.aid.remarks)
 
     @property
@@ -43,7 +43,7 @@ class FurtherArrivals:
 
         Raises
         ------
-        ConfigError : there is none of that name
+        ConfigError : the name is unknown
         """
         if antenna is None:
             return 0
@@ -64,7 +64,7 @@ class FurtherArrivals:
         """
         if epoch.carrier_cycles is None:
             raise InputError(
-                f"an epoch of antenna '{self._names[number]}' has no carrier phase, which the attitude is made of",
+                f"an epoch of antenna '{self._names[number]}' has no carrier phase, which the attitude needs",
                 key="carrier_cycles",
                 advice="hand the carrier phases on with the observations",
             )

@@ -95,7 +95,7 @@ class StateBlock:
     shown: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse what no filter can carry."""
+        """Refuse a state block that no filter can carry."""
         density, rate = self.process.variance_per_s, self.process.rate
         if not (self.name.isidentifier() and self.columns and all(c.isidentifier() for c in self.columns)):
             raise self._wrong("a name and the name of each column, as identifiers")
@@ -125,7 +125,7 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which further states a filter has, and where each stands in the error state.
+    """The further states of a filter, and the place of each in the error state.
 
     Raises
     ------

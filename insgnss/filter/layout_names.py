@@ -13,7 +13,7 @@ from insgnss.filter.state import OFFSETS, PSI
 class StatePlace(NamedTuple):
     """One block of the error state."""
 
-    columns: slice  # where it stands in the error state
+    columns: slice  # its place in the error state
     unit: str  # of each component
     frame: str  # axes of a vector; empty of a scalar
 
@@ -48,7 +48,7 @@ class StateLayout(Mapping[str, StatePlace]):
     | clock_bias, clock_drift | of the receiver [m], [m/s] |
     | offset_E, offset_R, ... | clock of a further constellation against the first one [m] |
     | glonass_channel_bias | delay that grows with the frequency channel [m per channel] |
-    | zenith_delay, ionosphere | what the models leave at the zenith [m] |
+    | zenith_delay, ionosphere | the models' residuals at the zenith [m] |
     | lever_arm | correction to the antenna's lever arm in the flight file, body axes [m] |
     | a ``StateBlock`` of the user's | all of its states, SI units |
     """

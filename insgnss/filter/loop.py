@@ -1,4 +1,4 @@
-"""The compiled loop over a log: carry the bank to each epoch, update it, write what came of it.
+"""The compiled loop over a log: carry the bank to each epoch, update it, write the result.
 
 The streaming engine calls the same function with one epoch at a time: both give the same bits.
 """
@@ -58,7 +58,7 @@ def advance(
 ) -> None:
     """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
-    All that the bank is carried by way of are whole samples, which changes no bit of the filter; an output between
+    The bank is carried over whole samples only, which changes no bit of the filter; an output between
     samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
     """
     count, traced = out.counts[0], out.trace.counts[0]
@@ -209,7 +209,7 @@ def run_epochs(
 
 @kernel(inline=True)
 def is_suspect(m: StateRecord, doubted_ns: int, t_ns: int, limit: float) -> bool:
-    """Return whether to look for what has failed: what is not clear at once waits until ``doubted_ns``."""
+    """Return whether to search for a fault: an undecided one waits until ``doubted_ns``."""
     if limit <= 0.0:
         return False
     if m.stuck_since_ns == t_ns:
@@ -259,7 +259,7 @@ def update_bank(
     out: Output,
     work: FilterWorkspace,
 ) -> UpdateOutcome:
-    """Update every hypothesis with one epoch, in the rate of sample ``k``; return what it did to the leader.
+    """Update every hypothesis with one epoch, in the rate of sample ``k``; return its effect on the leader.
 
     The leader is updated last, so that the work space then holds its entries for the ledger.
     """
@@ -273,7 +273,7 @@ def update_bank(
             i = lead
         done = update_epoch(bank, i, par, rows, epoch, imu, k, work)
         sound = math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i])
-        # one that is lost has no weight, whatever comes
+        # one that is lost has no weight
         bank.state[i].log_likelihood = done.log_likelihood if sound else -math.inf
         bank.state[i].motion_information = done.motion_information if sound else 0.0
     if n > 1:

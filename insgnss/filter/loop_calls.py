@@ -122,6 +122,6 @@ def _no_rows() -> GnssRows:
 
 
 def fetch_loop() -> None:
-    """Load them from the cache, or compile what it lacks."""
+    """Load them from the cache, or compile the missing ones."""
     for kernel, arguments in calls().items():
         compile_for(kernel, arguments)

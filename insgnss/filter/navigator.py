@@ -1,4 +1,4 @@
-"""A filter over one unbroken stretch of inertial samples: start, run, recover, tell what happened.
+"""A filter over one unbroken stretch of inertial samples: start, run, recover, report events.
 
 ``replay`` hands it all epochs at once, the streaming engine one at a time: the same calls, the same bits.
 """
@@ -68,7 +68,7 @@ class Snapshot(NamedTuple):
 
     @property
     def banks(self) -> list[Bank]:
-        """All that counts samples: what is carried along with them, and what the filter was before."""
+        """Everything that counts samples: objects carried along with them, and the earlier filter."""
         return [*banks_of(self.bank, self.trial), *self.health.banks, *self.health.past.banks]
 
 
@@ -85,7 +85,7 @@ class Navigator:
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
     trial: StartValidation | None = None  # of a given start
-    own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
+    own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # status of a user's own rows, by time
     watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
@@ -106,7 +106,7 @@ class Navigator:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+        """Everything carried along with the samples: the filter, if it has started, and its alternatives."""
         return [*banks_of(self.bank, self.trial), *self.health.banks]
 
     def snapshot(self) -> Snapshot:
@@ -133,7 +133,7 @@ class Navigator:
         self.watch = saved.watch.copied()
 
     def forget_own(self, after_ns: int) -> None:
-        """Forget what became of a user's own rows after a time."""
+        """Drop the status of a user's own rows after a time."""
         self.own = {t_ns: entries for t_ns, entries in self.own.items() if t_ns <= after_ns}
 
     def run(self, imu: ImuSamples, rows: GnssRows, first: int, last: int, out: Output) -> None:
@@ -185,7 +185,7 @@ class Navigator:
             self.own[t_ns] = update.entries
             if not is_sound(self.bank.state[head.leader], self.bank.P[head.leader]):
                 del self.own[t_ns]
-                self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+                self._restart(t_ns, "the state is no longer finite, or a variance is not positive")
                 return
             if needs_pruning(self.bank, self.setup.log_drop):
                 self._prune()
@@ -193,13 +193,13 @@ class Navigator:
             self.after_own(update)
 
     def leave(self, imu: ImuSamples) -> CarriedState | None:
-        """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
+        """Return the carried start at the end of the filter's samples, its own if it never started."""
         if self.bank is None:
             return self.starter.carried
         return left_behind(self.bank, imu, self.setup, self._parameters)
 
     def _try(self, trial: StartValidation, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
-        """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
+        """Handle the stop of the compiled loop, and update the validation of the given start with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
         if code == LOCKOUT and trial.standing() < _DOUBTED:
             self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
@@ -217,7 +217,7 @@ class Navigator:
                 self.trial = None
 
     def _refuse_start(self, t_ns: int, found: Bank) -> None:
-        """Put the rivals of the given start in its place."""
+        """Replace the given start by its alternatives."""
         assert self.bank is not None
         self.events.append(refusal(t_ns, self.bank, found))
         self.bank, self.trial = found, None
@@ -226,7 +226,7 @@ class Navigator:
         self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> None:
-        """Update with the phase differences of an epoch, and write its navigation row once more."""
+        """Update with the phase differences of an epoch, and rewrite its navigation row."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.bank is None or self.bank.head[0].now_ns != t_ns:
             return
@@ -296,7 +296,7 @@ class Navigator:
             self._heading_known()
 
     def _handle(self, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
-        """Act on what stopped the compiled loop after ``epoch``."""
+        """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
         if self.trial is None and (code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns))):
@@ -311,7 +311,7 @@ class Navigator:
             space = self.workspace(rows).epoch
             self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
         elif code == COVARIANCE_LOST:
-            self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+            self._restart(t_ns, "the state is no longer finite, or a variance is not positive")
         elif code not in (DONE, SUSPICION):
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
@@ -355,7 +355,7 @@ class Navigator:
         self.events.append(Event(t_ns, "heading_known", detail))
 
     def _accept(self, remedy: Remedy, t_ns: int) -> None:
-        """Do what the filter's health asks for."""
+        """Apply the remedy of the filter's health."""
         self.events += remedy.events
         if remedy.give_up:
             self._restart(t_ns, remedy.give_up)
@@ -365,7 +365,7 @@ class Navigator:
                 self.trial = StartValidation(self.setup)  # of the filter as it has been set right
 
     def note_silence(self, t_ns: int) -> None:
-        """Tell at ``t_ns`` that the measurements have ended, where no further epoch has come to tell it."""
+        """Report at ``t_ns`` that the measurements have ended, if no further epoch reports it."""
         if self.bank is None or self.started_ns is None:
             return
         head: HeadRecord = self.bank.head[0]
@@ -385,7 +385,7 @@ class Navigator:
         self.bank = self.opened = None
         self.health.forget()
         self.starter = Starter(self.setup, given=False)
-        self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
+        self.events.append(Event(t_ns, "restart", f"{reason}: the filter restarts"))
 
     def _collect_events(self, out: Output) -> None:
         """Turn the compiled loop's events into words."""

@@ -3,9 +3,9 @@
 Each time of such rows is a small epoch of its own: the bank is carried to it, every hypothesis is asked for its rows,
 all are gated on the prior, each corrects as a scalar, and the correction is fed back with the reset of an epoch.
 
-Of several open headings the rows tell by the same principle as an epoch does (``headings``): a row that a turn of the
+The rows weigh several open headings by the same principle as an epoch does (``headings``): a row that a turn of the
 vehicle about the vertical through its antenna would change, such as a heading, says itself which one it fits and counts
-in full. Any other row tells only as much as the motion that was shown can carry: at rest the hypotheses' positions and
+in full. Any other row counts only as far as the motion that was shown: at rest the hypotheses' positions and
 velocities differ by noise alone.
 """
 
@@ -50,7 +50,7 @@ Bool = npt.NDArray[np.bool_]
 
 
 class OwnUpdate(NamedTuple):
-    """What the rows of one time did."""
+    """The effect of the rows of one time."""
 
     entries: list[OwnEntry]  # of the hypothesis that led before
     correction: Float64  # (n,) what was added to its state
@@ -67,7 +67,7 @@ class _Member(NamedTuple):
 def use_own_rows(
     bank: Bank, t_ns: int, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any], scratch: Scratch
 ) -> OwnUpdate:
-    """Update a bank that stands at ``t_ns`` with the own rows of that time.
+    """Update a bank at ``t_ns`` with the own rows of that time.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _updated(
 
 
 def _charge(squares: float, S: float, row: CheckedRow) -> float:
-    """Return what a row costs of likelihood, as in ``use_rows``."""
+    """Return a row's charge on the likelihood, as in ``use_rows``."""
     r, spread = row.single_variance, row.variance / row.single_variance
     return float(charge(squares, S, r, spread))
 
@@ -271,7 +271,7 @@ def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:
 
 
 def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bool, par: Parameters) -> None:
-    """Let the rows judge the hypotheses: those that tell of the heading in full, the others by the shown motion."""
+    """Weigh the hypotheses by the rows: those that depend on heading in full, the others by the shown motion."""
     if len(bank.state) == 1:
         bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
         return
@@ -286,7 +286,7 @@ def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bo
 def _charge_unlikely(
     bank: Bank, estimates: dict[int, StateEstimate], kinds: list[Kind], t_ns: int, par: Parameters
 ) -> None:
-    """Lower the weight of the headings under which the vehicle does what it seldom does, of each once."""
+    """Lower the weight of the headings under which the vehicle moves in an unusual way, once each."""
     log_likelihood, charged = bank.state["log_likelihood"], False
     log_likelihood[:] = 0.0
     for i, estimate in estimates.items():
@@ -325,7 +325,7 @@ def run_beside(
     setup: FilterSetup,
     take: Callable[[OwnUpdate], None] = lambda _: None,
 ) -> int:
-    """Run a bank beside the filter through epochs and the own rows between them; return why the loop stopped."""
+    """Run a parallel bank through epochs and the own rows between them; return why the loop stopped."""
     first, last = 0, len(rows.epoch_ns)
     while first < last:
         stop = last

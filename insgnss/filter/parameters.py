@@ -69,7 +69,7 @@ class Parameters(Record):
     coupling_into: Annotated[Int64, MAX_COUPLINGS]  # ... DV of the accelerometers or PSI of the gyros, ...
     coupling_axis: Annotated[Int64, MAX_COUPLINGS]  # ... of which axis, ...
     coupling_times: Annotated[Int64, MAX_COUPLINGS]  # ... in proportion to what: ``layout.FACTORS``
-    at_channel_bias: int  # where these stand in the error state, -1 where there is none
+    at_channel_bias: int  # index of these in the error state, -1 if absent
     at_zenith_delay: int
     at_ionosphere: int
     at_lever_arm: int

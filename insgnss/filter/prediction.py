@@ -133,7 +133,7 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
 
 @kernel(inline=True)
 def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
-    """Add to the vertical velocity what gravity's gradient, constant in the transition, leaves over a height error.
+    """Add to the vertical velocity the second-order effect of the gravity gradient on a height error.
 
     Equation: g(h) = g (1 - 2 h / R + 3 h^2 / R^2), so an error h of sigma s neglects a = 3 g h^2 / R^2, of the rms
     sqrt(3) 3 g s^2 / R^2. It grows with h^2 as exp(2 t / T), T = sqrt(R / 2 g) = 570 s, and leaves a T / 2 in the
@@ -263,8 +263,8 @@ def sum_couplings(m: StateRecord, par: Parameters, dt: float) -> None:
 def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
     """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
 
-    What scale factors and misalignments make of a force that stays alike is in the bias; only what changes is an error
-    of its own.
+    The effect of scale factors and misalignments on a constant force is in the bias; only its change is a separate
+    error.
     """
     total = 0.0
     new = m.f_mean[0] == 0.0 and m.f_mean[1] == 0.0 and m.f_mean[2] == 0.0

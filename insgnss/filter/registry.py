@@ -1,4 +1,4 @@
-"""What the filter knows by itself: the list of its blocks of further states."""
+"""The filter's built-in blocks of further states."""
 
 from __future__ import annotations
 

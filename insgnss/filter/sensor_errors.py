@@ -1,8 +1,8 @@
-"""The whole error of an inertial sensor as it is now: its bias, and what its further errors make of force and rate.
+"""The whole error of an inertial sensor: its bias, and the effect of its further errors on force and rate.
 
     e_i = b_i + sum_k m_k x_k    over the couplings k of axis i, m_k a component of specific force or rate, or one
 
-While a vehicle keeps attitude and rate, e is all that the filter can find; its parts only tell what a change will do.
+While a vehicle keeps attitude and rate, only e is observable; its parts predict the effect of a change.
 """
 
 from __future__ import annotations

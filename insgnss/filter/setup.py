@@ -56,7 +56,7 @@ class FilterSetup:
     installation: Installation = field(default_factory=no_antenna)
     visibility_limits: VisibilityLimits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
-    states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
+    states_wanted: tuple[StateBlock, ...] = ()  # further states, besides the filter's own
     aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
     own: OwnMeasurements | None = None  # of further sensors and a user's own; None: none
     n_satellites: int = LIVE_SATELLITES  # whose range errors can be states at the same time
@@ -84,7 +84,7 @@ class FilterSetup:
 
     @cached_property
     def messages(self) -> BroadcastMessages | None:
-        """The navigation messages sorted once, none older than the settings allow; None where there is no file."""
+        """The navigation messages sorted once, none older than the settings allow; None without a file."""
         if self.navigation is None:
             return None
         return broadcast_messages(self.navigation, max_age_s=self.config.measurements.max_ephemeris_age_s)
@@ -96,7 +96,7 @@ class FilterSetup:
 
     @property
     def ties(self) -> Ties:
-        """Which clocks are alike but for metres: QZSS's and GPS's."""
+        """Which clocks are equal within metres: QZSS's and GPS's."""
         return tied_clocks(self.clock_groups, self.config.process.qzss_offset_sigma_m)
 
     @cached_property

@@ -52,7 +52,7 @@ STATE_NAMES: Final = (
 
 
 class StateRecord(Record):
-    """The state of one hypothesis, and what it remembers."""
+    """The state of one hypothesis, and its memory."""
 
     q_eb: Annotated[Float64, 4]  # attitude, body to ECEF
     C_eb: Annotated[Float64, 3, 3]  # the same as a matrix
@@ -91,7 +91,9 @@ class StateRecord(Record):
     noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
     adapted_ns: int  # when they were last moved
     adapted_count: int
-    explained: Annotated[Float64, 2, 3]  # means of what the epochs say of the prediction, see ``integrity``
+    explained: Annotated[
+        Float64, 2, 3
+    ]  # means of the epochs' deviation from the prediction, see ``integrity``
     explained_variance: Annotated[Float64, 2]  # of these means while the filter is right
     explained_ns: int
     crept_ns: int  # when a satellite was last found by its range rate to run away
@@ -101,7 +103,7 @@ class StateRecord(Record):
     suspicion: float  # how far they are beyond chance, chi^2 of three
     mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
     mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
-    cn0_level: float  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
+    cn0_level: float  # recent strongest signal, referred to the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
     unlikely_ns: int  # when what the vehicle seldom does was first held against it; 0: not yet
@@ -115,10 +117,10 @@ STATE_DTYPE: Final = dtype_of(StateRecord)
 
 
 class HeadRecord(Record):
-    """What the hypotheses of a bank have in common."""
+    """The common data of a bank's hypotheses."""
 
     now_ns: int  # time of the state
-    next: int  # index of the inertial sample whose interval the state stands in
+    next: int  # index of the inertial sample whose interval contains the state
     leader: int  # the hypothesis of the largest weight
     epoch_ns: int  # time of the last epoch; 0 before the first
     epoch_step_ns: int  # from the epoch before to it
@@ -128,11 +130,11 @@ class HeadRecord(Record):
     strained_ns: int  # time since when the innovations are far too large; 0 when they are not
     log_likelihood: float  # of the epochs, where one heading is left; for ``suspects``
     doubted_ns: int  # the filter's own prediction is not suspected before
-    masking: int  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
-    uncertain: int  # satellites over epochs, whose visibility was uncertain, not told yet
+    masking: int  # visibility stage: 0 nothing reported yet, 1 it waits, 2 it masks
+    uncertain: int  # satellites over epochs, whose visibility was uncertain, not reported yet
     uncertain_ns: int  # when that began ...
     uncertain_last_ns: int  # ... and when it was so last
-    heading_open: int  # 1 until the heading has been told to be known
+    heading_open: int  # 1 until the heading has been reported as known
     more_than_headings: int  # 1 where the hypotheses differ in more than what motion shows
     slip: float  # angle from course to heading when last known (``sideslip``) [rad]
     slip_variance: float  # [rad^2]
@@ -152,7 +154,7 @@ StateArray: TypeAlias = npt.NDArray[Any]
 
 
 class Bank(NamedTuple):
-    """All hypotheses: one record and one covariance each, and what they have in common."""
+    """All hypotheses: one record and one covariance each, and their common data."""
 
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, n, n) covariance of the error state
@@ -229,7 +231,7 @@ def copy_bank(bank: Bank) -> Bank:
 
 
 def joined_banks(bank: Bank, other: Bank) -> Bank:
-    """Return a bank of the hypotheses of both, weights as they are, what they have in common from the first."""
+    """Return a bank of the hypotheses of both, weights as they are, common data from the first."""
     n, n_states = len(bank.state), bank.P.shape[1]
     both = new_bank(n + len(other.state), n_states - OFFSETS)
     both.head[:] = bank.head

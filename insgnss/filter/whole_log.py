@@ -35,7 +35,7 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.tables import Event, ImuTable, Int64
 
 OutputRate = Literal["gnss", "imu"] | float | Int64  # the last: times themselves [ns]
-MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
+MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row adds nothing
 
 
 class TraceIntervals(NamedTuple):
@@ -47,7 +47,7 @@ class TraceIntervals(NamedTuple):
 
 
 class LedgerPart(NamedTuple):
-    """What the filter wrote of a block's rows."""
+    """The filter's output for a block's rows."""
 
     entries: Table  # (n,) of ``output.LEDGER_DTYPE``
     carriers: Table  # (n,) of ``output.CARRIER_LEDGER_DTYPE``, (0,) without carrier
@@ -84,18 +84,18 @@ def run_blocks(
     -------
     out : the loop's output without a ledger
     ledger : a part for each block
-    events : what the filter tells
+    events : of the filter
 
     Parameters
     ----------
     blocks : one after the other in time; the list is emptied on the way
     trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
-    smooth : gives the navigation rows what the rest of their stretch tells of them
+    smooth : smooths the navigation rows with the rest of their stretch
     further : columns that are wanted beside those that every navigation row has; filled
     filtered : takes the filter's own navigation rows of each part before they are smoothed
-    own : takes what became of a user's own rows
+    own : takes the status of a user's own rows
 
-    The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
+    The log is cut where inertial samples are missing for too long: each part restarts with what the one before it
     leaves behind.
 
     Raises
@@ -208,7 +208,7 @@ def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
     return StartError(
         "no epoch could be used from the given start: none has a satellite with ephemeris above its horizon",
         key="start",
-        advice="is the place right? 'insgnss check' shows satellites and ephemeris per epoch; without [start] the"
+        advice="check the place: 'insgnss check' shows satellites and ephemeris per epoch; without [start] the"
         " filter starts by itself",
     )
 
@@ -248,7 +248,7 @@ class _Passage:
 
 
 def trace_room(trace: TraceIntervals | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
-    """Return room for what is wanted of a log with inertial samples at ``t_ns``."""
+    """Return space for the requested output of a log with inertial samples at ``t_ns``."""
     if trace is None:
         return no_trace(n_offsets)
     times_ns = t_ns[output_samples(t_ns, trace.rate_hz)] if trace.rate_hz is not None else t_ns[:0]
@@ -292,7 +292,7 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
     fastest_hz = MOST_OUTPUTS_PER_SAMPLE * samples_hz
     if not slowest_hz <= rate_hz <= fastest_hz:
         raise ConfigError(
-            f"{output!r} is no output rate for inertial samples at {samples_hz:.6g} Hz",
+            f"invalid output rate {output!r} for inertial samples at {samples_hz:.6g} Hz",
             key="output",
             advice=f"give 'gnss', 'imu' or a rate from {slowest_hz:.6g} to {fastest_hz:.6g} Hz",
         )

@@ -1,4 +1,4 @@
-"""Pressure and altitude in the standard atmosphere of ICAO Doc 7488: what a barometer's scale is made with."""
+"""Pressure and altitude in the standard atmosphere of ICAO Doc 7488: the scale of a barometer."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _taken(cycles: Float64 | None) -> Float64:
 def _status(of_range: Int8, wavelength: Float64, x: Float64, lli: Int8 | Int16) -> Int8:
     """Return whether each phase can be used: as its range, but for what concerns the range alone."""
     status = np.where(np.isin(of_range, _RANGE_ALONE), USED, of_range).astype(np.int8)
-    status[status == ABSENT] = NO_RANGE  # nothing tells when the signal was sent
+    status[status == ABSENT] = NO_RANGE  # the time of transmission is unknown
     status[(status == USED) & (lli & LLI_HALF_CYCLE != 0)] = HALF_CYCLE
     status[(status == USED) & ~(np.isfinite(wavelength) & np.isfinite(x))] = BAD_VALUE
     return status

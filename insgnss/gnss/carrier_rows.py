@@ -63,7 +63,7 @@ _FASTEST_MPS: Final = 3.0e5  # a difference beyond is none to a satellite, whate
 
 
 def no_carriers() -> tuple[Carriers, Float64]:
-    """Return what stands for a log without carrier: no rows, no states of the epoch before."""
+    """Return the empty result for a log without carrier: no rows, no states of the epoch before."""
     return np.zeros(0, CARRIER_DTYPE), np.zeros((0, 8))
 
 
@@ -139,7 +139,7 @@ def _phase_m(gnss: GnssTable, wavelength: Float64) -> Float64:
 
 
 def _timed(gnss: GnssTable, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_]:
-    """Return where the row's own pseudorange has told the time of transmission: a median's is 10 ms, 8 m off."""
+    """Return where the row's own pseudorange gave the time of transmission: a median's is 10 ms, 8 m off."""
     known = np.isfinite(gnss.pseudorange_m)
     middle = _epoch_median(gnss.pseudorange_m[known], epoch[known], n_epochs)
     apart = np.abs(np.where(known, gnss.pseudorange_m, np.nan) - middle[epoch])
@@ -164,7 +164,7 @@ def _mark(found: Int8, where: npt.NDArray[np.bool_], status: int) -> None:
 
 
 def _indicated(gnss: GnssTable, now: Int64, then: Int64) -> Int8:
-    """Return what the receiver's own flags say of each pair."""
+    """Return the receiver's own flags for each pair."""
     found = np.zeros(len(now), np.int8)
     if gnss.lli is not None:
         _mark(found, (gnss.lli[now] & LLI_SLIP) != 0, SLIP_INDICATED)

@@ -20,7 +20,7 @@ Pair = tuple[str, str]  # constellation letter and RINEX code: ("G", "C1C")
 
 
 def pairs_of(gnss: GnssTable) -> set[Pair]:
-    """Return the constellations and codes that stand in a log."""
+    """Return the constellations and codes in a log."""
     n = max(len(gnss.signal_names), 1)
     seen = np.unique(gnss.sv.astype(np.int64) * n + gnss.signal)
     return {(gnss.sv_names[k // n][0], gnss.signal_names[k % n]) for k in seen.tolist()}
@@ -39,7 +39,7 @@ def clock_groups(
     ----------
     constellations : letters that the filter uses, in order of preference
     signals : per letter the codes that may be used, in order of preference
-    present : what the log holds
+    present : constellations and codes of the log
     every_band : one signal of each band is used, not the most preferred one alone
     """
     present = set(present)

@@ -1,4 +1,4 @@
-"""Differential corrections: what a base station at a known place finds wrong with each pseudorange.
+"""Differential corrections: a base station's error of each pseudorange at a known place.
 
 Equation: correction = P_base - (rho + T + I - c dt_s) - b_base, to be subtracted from the rover's pseudorange of the
 same satellite and signal. What both receivers share goes out: orbit and clock of the satellite, its code biases, and
@@ -13,7 +13,7 @@ Rules:
 - The base's clock is the median over the satellites of a constellation at an epoch, for all its signals
   (``clock_per_signal``: for each signal, where two kinds of receivers differ in their delays between signals). A jump
   of the base's clock thus never enters. A satellite that rises or sets moves the median by a fraction of its own
-  error, for all satellites of a constellation alike: the rover's clock takes it up.
+  error, the same for all satellites of a constellation: the rover's clock absorbs it.
 - Nothing is smoothed; in time the correction is linear between the base's epochs, within ``max_age_s`` of the row.
 """
 
@@ -124,7 +124,7 @@ def differential_corrections(
 
 
 def apply(corrections: Corrections, gnss: GnssTable, message: Int64 | None, max_age_s: float) -> Float64:
-    """Return what to subtract from each of the rover's pseudoranges (n,) [m], NaN where there is no correction.
+    """Return the corrections to subtract from the rover's pseudoranges (n,) [m], NaN where there is no correction.
 
     Linear between the base's epochs before and after where both are within ``max_age_s`` of the row and hold for its
     message, else the one that does. A row with another signal than the base tracks of its satellite has none.
@@ -180,7 +180,7 @@ def _at(
 def _without_clock(
     base: GnssTable, rows: npt.NDArray[np.intp], residual: Float64, per_signal: bool
 ) -> tuple[npt.NDArray[np.intp], Float64, list[Event]]:
-    """Return the rows whose epoch shows the base's clock, their residuals without it, and what was refused."""
+    """Return the rows whose epoch shows the base's clock, their residuals without it, and the refused ones."""
     if not len(rows):
         return rows, residual, []
     systems = sorted({name[0] for name in base.sv_names})

@@ -1,4 +1,4 @@
-"""Dilution of precision: what the satellites' directions alone make of an error of one metre in every range."""
+"""Dilution of precision: the effect of an error of one metre in every range, by the satellites' directions alone."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def ionosphere_rows(
 
 
 def ionosphere_growth(gnss: GnssTable, delay_m: Float64) -> Float64:
-    """Return by how much the delays (n,) of ``ionosphere_rows`` grow [m/s], NaN where no neighbour in time tells it.
+    """Return by how much the delays (n,) of ``ionosphere_rows`` grow [m/s], NaN without a neighbour in time.
 
     Equation: central differences over each satellite's epochs, one-sided at the ends of an arc.
     Neglects: the spline's own error, 3 cm over ``NODE_S``: 0.1 mm/s.

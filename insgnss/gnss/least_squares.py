@@ -32,7 +32,7 @@ _SINGULAR: Final = 1e-10  # a pivot this small beside its diagonal: dilution bey
 
 
 class Ties(NamedTuple):
-    """Which clocks are known to be alike."""
+    """Which clocks are known to be equal."""
 
     home: Int64  # (g,) the clock before it to which a clock is tied, else -1
     weight: float  # 1 / variance of their difference [1/m^2]
@@ -198,7 +198,7 @@ def cholesky_solve(L: Float64, b: Float64) -> None:
 def fit(rows: FitRows, use: Bool, x: Float64, work: FitWorkspace) -> float:
     """Solve for ``x`` (in and out) by Gauss-Newton over the rows in use; return chi-square, NaN when there is none.
 
-    There is none when the geometry is singular or the steps do not end. Else ``work.N`` holds the Cholesky factor of
+    NaN means a singular geometry or steps that do not converge. Else ``work.N`` holds the Cholesky factor of
     the normal matrix.
     """
     for _ in range(_MOST_STEPS):

@@ -16,7 +16,7 @@ from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gnss.signals import L1_HZ
 from insgnss.tables import Float64
 
-# When all three coefficients are zero the message does not tell them (model's description 1.2, 3.1)
+# When all three coefficients are zero the message does not state them (model's description 1.2, 3.1)
 _DEFAULT_COEFFICIENTS: Final = (63.7, 0.0, 0.0)
 
 

@@ -26,12 +26,12 @@ def measurement_variance(
     """Return the variance of a pseudorange [m^2] or range rate [m^2/s^2].
 
     Equation: sigma^2 = floor^2 + elevation^2 / sin^2(el) + cn0^2 10^((45 - C/N0) / 10)
-    The last term is the loop's thermal noise, the middle one multipath and what the mapping leaves of the atmosphere.
+    The last term is the loop's thermal noise, the middle one multipath and the residual atmosphere after mapping.
 
     Parameters
     ----------
     sine : of the satellite's elevation
-    thermal : ``thermal_factor`` of its C/N0, NaN where the log gives none; then ``missing_thermal`` stands for it
+    thermal : ``thermal_factor`` of its C/N0, NaN where the log gives none; then ``missing_thermal`` replaces it
     floor2, elevation2, cn02 : squares of the three sigmas
     """
     s = max(sine, LOWEST_SINE)

@@ -1,4 +1,4 @@
-"""The GNSS log as the filter sees it: satellite states beside each observation, and what is not used, with the reason.
+"""The GNSS log for the filter: satellite states for each observation, and the unused rows with their reasons.
 
 Everything here is done for the whole log at once, before the filter's loop.
 """
@@ -52,7 +52,7 @@ _BANDS: Final = sorted({signal.band for signal in SIGNALS})
 N_BANDS: Final = len(_BANDS)
 N_SATELLITE_SLOTS: Final = _SLOTS_EACH * len(_SYSTEMS)
 N_SLOTS: Final = N_SATELLITE_SLOTS * N_BANDS
-# pseudoranges outside are no ranges to a satellite, whatever the clock
+# pseudoranges outside cannot be ranges to a satellite, whatever the clock
 _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
 # a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
@@ -136,7 +136,7 @@ def prepare_rows(
     signals : per constellation the codes that may be used, the preferred first
     every_band : one signal of each band of a satellite is used, not the most preferred one alone
     pseudorange, range_rate : whether the kind is used at all
-    carrier : whether carrier differences are used; None: they are not looked at, and get no entry in the ledger
+    carrier : whether carrier differences are used; None: they are ignored, and get no entry in the ledger
     carrier_max_interval_s : epochs farther apart are not differenced
     ionosphere_free : the pseudoranges of two bands of a satellite become their ionosphere-free combination
     max_age_s : oldest ephemeris to use; the constellation's own validity when None
@@ -144,7 +144,7 @@ def prepare_rows(
     ionosphere_l1 : (n, 2) delays on L1 [m] and their growth [m/s] where they are computed beforehand, NaN elsewhere
     correction_m : (n,) taken off the pseudoranges; a row with NaN is refused
     variance_scale : per constellation, of its pseudoranges' variance
-    bias_sigma_m : per constellation, of its satellites' lasting range errors; None where these are no states
+    bias_sigma_m : per constellation, of its satellites' lasting range errors; None if these are not states
     """
     if isinstance(navigation, EphemerisTable | NavigationData):
         navigation = broadcast_messages(navigation, max_age_s=max_age_s)
@@ -175,7 +175,7 @@ def prepare_rows(
         (RANGE_RATE, rates, gnss.sigma_range_rate_mps, range_rate),
     ):
         absent = np.isnan(value)
-        if kind == RANGE_RATE:  # a Doppler whose wavelength nobody knows is a measurement all the same
+        if kind == RANGE_RATE:  # a Doppler of unknown wavelength still counts as a measurement
             absent &= np.isnan(gnss.doppler_hz)
         status = _kind_status(kind, value, absent, usable, sigma, wanted)
         if kind == RANGE_RATE:
@@ -217,7 +217,7 @@ def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
 
 
 def from_epoch(rows: GnssRows, epoch: int) -> GnssRows:
-    """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
+    """Return the rows from an epoch on, with the data of the epoch before that the carrier differences need."""
     if epoch <= 0:
         return rows
     part = some_epochs(rows, epoch, len(rows.epoch_ns))
@@ -251,7 +251,7 @@ def satellite_name(number: int) -> str:
 
 
 def _slot(sv: str, code: str) -> int:
-    # a constellation that nobody knows is refused before its slot is looked at
+    # an unknown constellation is refused before its slot is checked
     system = max(_SYSTEMS.find(sv[0]), 0)
     return (system * _SLOTS_EACH + int(sv[1:]) % _SLOTS_EACH) * N_BANDS + _band_number(sv, code)
 
@@ -275,7 +275,7 @@ def _by_constellation(gnss: GnssTable, given: Mapping[str, float] | None, otherw
 
 
 def _by_signal(gnss: GnssTable, value: Callable[[str, str], float]) -> Float64:
-    """Return (n,) what a function of satellite and code says of each row."""
+    """Return (n,) a function of satellite and code for each row."""
     table = np.zeros((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)))
     for i, sv in enumerate(gnss.sv_names):
         for j, code in enumerate(gnss.signal_names):
@@ -286,9 +286,9 @@ def _by_signal(gnss: GnssTable, value: Callable[[str, str], float]) -> Float64:
 def _states(
     gnss: GnssTable, messages: BroadcastMessages | None, states: SatelliteStates | None
 ) -> tuple[Float64, Int8, Int64 | None]:
-    """Return position, velocity, clock and its drift (n, 8), why there is none, and the messages behind them.
+    """Return position, velocity, clock and its drift (n, 8), the reason if missing, and the messages used.
 
-    States that stand in the log are not copied where all of them are good: an hour of a big log has 70 MB of them.
+    States in the log are not copied if all of them are good: an hour of a big log has 70 MB of them.
     """
     if gnss.sat is None:
         states = satellite_states(gnss, messages) if states is None else states
@@ -344,7 +344,7 @@ def mark_repeats(
 
     ``slot`` numbers what can be used once in an epoch: a satellite, or a band of a satellite.
     """
-    best = np.full(n_slots, -1, np.int64)  # row that stands for the slot in this epoch
+    best = np.full(n_slots, -1, np.int64)  # row that represents the slot in this epoch
     start = 0
     for i in range(len(t_ns)):
         if i > 0 and t_ns[i] != t_ns[i - 1]:

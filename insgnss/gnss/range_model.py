@@ -32,7 +32,7 @@ from insgnss.tables import Float64
 
 
 class RangeCorrection(NamedTuple):
-    """One term of a pseudorange: what it is, how it enters the prediction, and how large it is."""
+    """One term of a pseudorange: its name, how it enters the prediction, and its size."""
 
     name: str
     adds: str  # "+": lengthens the predicted pseudorange where positive, "-": shortens it, "in rho"
@@ -124,7 +124,7 @@ def correction_lines() -> list[str]:
 
 
 class Air(Record):
-    """What all delays of an epoch share."""
+    """The common inputs of an epoch's delays."""
 
     lat: float  # of the antenna [rad]
     lon: float
@@ -159,7 +159,7 @@ def place_air(
     troposphere_factor: float,
     weather: Weather,
 ) -> None:
-    """Write what the delays of all satellites share at an antenna.
+    """Write the common inputs of all satellites' delays at an antenna.
 
     Parameters
     ----------

@@ -5,7 +5,8 @@ E1/E5b, F/NAV: E1/E5a; BeiDou: B3I alone). For another signal the delay ``k . d`
 delays of the message (``EphemerisTable.group_delay_s``), k the factors kept here. Where a message lacks the
 delay of a signal, the nearest one is used and ``neglects`` says what is left out. GPS and QZSS send the differences of
 their signals in CNAV: where the navigation data have them, ``inter_signal_index`` says which is added.
-GLONASS satellites share two bands, each on a channel of its own: carrier and all that follows from it need the channel.
+GLONASS satellites share two bands, each on a channel of its own: the carrier and everything derived from it need the
+channel.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ class Signal:
     group_delay: tuple[float, float]  # factors of the message's two group delays
     source: str  # section of the ICD in words
     group_delay_fnav: tuple[float, float] | None = None  # instead, when the clock is Galileo's F/NAV
-    neglects: str = ""  # what the group delay leaves out
-    default_used: bool = False  # the one signal of the satellite used unless told otherwise
+    neglects: str = ""  # what the group delay neglects
+    default_used: bool = False  # the one signal of the satellite used by default
     channel_step_hz: float = 0.0  # between GLONASS channels
 
 

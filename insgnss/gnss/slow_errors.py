@@ -1,4 +1,4 @@
-"""What range errors that stay alike for minutes do to a position, which no averaging over epochs makes smaller.
+"""The effect of slowly varying range errors on a position, which averaging over epochs does not reduce.
 
 A filter's covariance is about what varies from epoch to epoch. Orbits and clocks of the messages, and what the models
 of ionosphere and troposphere leave, do not: they pass into the position as into that of a least-squares solution with
@@ -8,7 +8,7 @@ the epoch's own weights,
 
 with H = (-u, clock of each group) by row, W = diag(1 / r), g_s the sum of the columns of satellite s, and a_j a pattern
 that the whole sky shares: ionosphere at the zenith, its gradients to the north and to the east, troposphere at the
-zenith. The clock takes up most of what the rows have in common. [Misra & Enge 2006, 6.1; mapping of a thin shell as in
+zenith. The clock absorbs most of the rows' common part. [Misra & Enge 2006, 6.1; mapping of a thin shell as in
 RTCA DO-229, A.4.4.10]
 """
 
@@ -90,7 +90,7 @@ def _position_gains(
         weight = np.where(normal[:, i, i] * normal[:, j, j] > 0.0, ties.weight, 0.0)
         normal[:, [i, j], [i, j]] += weight[:, None]
         normal[:, [i, j], [j, i]] -= weight[:, None]
-    # the clock of a group that has no row in the epoch is nobody's; what cannot be solved gets a huge PDOP
+    # the clock of a group without a row in the epoch is undetermined; what cannot be solved gets a huge PDOP
     normal[:, range(k), range(k)] += np.where(np.einsum("mii->mi", normal) == 0.0, 1.0, 1e-12)
     inverse = np.linalg.inv(normal)[:, :3]
     mean_weight = np.add.reduceat(1.0 / rows.r, starts) / np.diff(starts, append=len(at))

@@ -100,7 +100,7 @@ def weather_at_sea_level(
     for key, value, (least, most) in zip(Weather._fields, weather, _POSSIBLE_WEATHER, strict=True):
         if not least <= value <= most:
             raise ConfigError(
-                f"{value:g} at sea level is no weather",
+                f"{value:g} at sea level is not possible weather",
                 key=key,
                 advice=f"give the values measured at the stated height; at sea level {least:g} to {most:g}",
             )
@@ -160,7 +160,7 @@ def mapping_coefficients(lat: float, h: float, m: Float64) -> None:
     """Write what the mapping needs of a place into ``m`` (9,): a, b, c hydrostatic, a, b, c wet, both numerators, km.
 
     Equation: Niell (1996), eq. 5, at the mean of the year, linear in latitude between the table's columns.
-    A latitude that is no number gives coefficients that are none.
+    A latitude that is not a number gives coefficients that are NaN.
     """
     place = min(max(abs(lat) * (12.0 / math.pi) - 1.0, 0.0), 4.0)  # 15 deg steps
     i = int(place) if 0.0 <= place < 3.0 else 3  # NaN too: an index is never made of it

@@ -1,4 +1,4 @@
-"""Coarse alignment: is the vehicle at rest, which way is up, and what the gyros read at rest."""
+"""Coarse alignment: rest detection, levelling, and the gyros' readings at rest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LARGEST_FORCE_MPS2: Final = 1e6
 
 @dataclass(frozen=True)
 class AlignmentWindow:
-    """What a short window of inertial samples says."""
+    """The statistics of a short window of inertial samples."""
 
     length_s: float
     f_b: Float64  # (3,) mean specific force, in the body axes at the window's end [m/s^2]
@@ -35,7 +35,7 @@ def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
     for dt, w_k, f_k in zip(step_s[::-1], w[::-1], f[::-1], strict=True):
         x, y, z = dt * w_k
         phi = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        # a mean stands in the axes of mid-interval: half of the turn on to those of its end
+        # a mean is in the axes of mid-interval: half of the turn leads to those of its end
         total += dt * (C @ (f_k - 0.5 * phi @ f_k))
         # C takes the axes before the sample to the last ones: exp(-[phi x]) to second order, enough to level coarsely
         C = C @ (np.eye(3) - phi + 0.5 * phi @ phi)
@@ -47,7 +47,7 @@ def inertial_window(
 ) -> AlignmentWindow | None:
     """Return the window (from_ns, to_ns] of a log, None when the log does not reach back to its start.
 
-    None, too, where a sample is no number, or so large that nothing is left of the others: no attitude is in that.
+    None, too, if a sample is not a number, or so large that it hides the others: neither gives an attitude.
     """
     first, last = np.searchsorted(t_ns, [from_ns, to_ns], side="right")
     first = max(int(first), 1)

@@ -44,7 +44,7 @@ class BiasModel:
 
 
 def bias_model(constant: float, instability: float, time_s: float, walk: float = 0.0) -> BiasModel:
-    """Return one Gauss-Markov process that stands for a constant bias, an in-run instability and a random walk.
+    """Return one Gauss-Markov process that represents a constant bias, an in-run instability and a random walk.
 
     Equation: sigma^2 = constant^2 + instability^2, density = 2 instability^2 / time_s + walk^2; the time is that for
     which the variance stays sigma^2 (time = 2 sigma^2 / density without a walk) or, with a walk, has become
@@ -98,8 +98,8 @@ class SensorModel:
         """Return the variances (3,) of the accelerometers' biases when switched on in an attitude [m^2/s^4].
 
         Equation: sigma_i^2 = sigma^2 + (scale g down_i)^2: at rest, or on a straight, an axis' scale factor reads a
-        share of the gravity along it, which is a bias as long as the attitude stays alike. What another attitude makes
-        of it is noise of the manoeuvre. Of the axes' misalignments the bias has a share in every direction.
+        share of the gravity along it, which is a bias as long as the attitude is constant. Its change with
+        attitude is noise of the manoeuvre. Of the axes' misalignments the bias has a share in every direction.
 
         Parameters
         ----------

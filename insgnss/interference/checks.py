@@ -1,4 +1,4 @@
-"""Refusals of numbers that make no sense, with the key that carries them and what would make sense."""
+"""Errors for invalid numbers, with their key and the valid range."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def finite(key: str, value: npt.ArrayLike, advice: str) -> Float64:
     """
     numbers = np.asarray(value, np.float64)
     if not np.isfinite(numbers).all():
-        raise ConfigError(f"{key} holds something that is no finite number", key=key, advice=advice)
+        raise ConfigError(f"{key} has a value that is not finite", key=key, advice=advice)
     return numbers
 
 
@@ -63,7 +63,7 @@ def named(kind: str, name: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
 
     Raises
     ------
-    ModelError : there is none; the advice names the nearest
+    ModelError : the name is unknown; the advice names the nearest
     """
     known = list(entries)
     wanted = _plain(name)

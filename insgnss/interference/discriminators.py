@@ -52,13 +52,13 @@ class Discriminator:
     def __post_init__(self) -> None:
         if not any(math.isclose(self.aperture_rad, known, rel_tol=1e-6) for known in _APERTURES):
             raise ConfigError(
-                f"an aperture of {self.aperture_rad:g} rad belongs to no phase discriminator",
+                f"an aperture of {self.aperture_rad:g} rad fits no phase discriminator",
                 key="aperture_rad",
                 advice="2 pi without data bits (type 1), pi with them (type 2); degrees have to be converted",
             )
         if not 0.0 < self.threshold_ratio < 0.5:
             raise ConfigError(
-                f"a threshold ratio of {self.threshold_ratio:g} makes no sense",
+                f"a threshold ratio of {self.threshold_ratio:g} is out of range",
                 key="threshold_ratio",
                 advice="rms over aperture: 0.06 to 0.09, 0.5 is the unstable point itself",
             )
@@ -75,8 +75,8 @@ class Discriminator:
 
 
 # Threshold ratios of table 1 [Shatilov 2009]. Simulated (``lock_threshold``), 0.076, 0.069 to 0.078, 0.076 and 0.078
-# stand for a mean time to slip of about 300 / B; the lower value of atan is that of an output whose true slope, below
-# one in noise, was left out of the loop's design.
+# correspond to a mean time to slip of about 300 / B; the lower value of atan is that of an output whose true slope,
+# below one in noise, was left out of the loop's design.
 Q: Final = Discriminator("Q", 2.0 * math.pi, 0.076)
 ATAN: Final = Discriminator("atan(Q/I)", math.pi, 0.067)
 SIGN_I_Q: Final = Discriminator("sign(I)Q", math.pi, 0.076)
@@ -90,7 +90,7 @@ def discriminator(name: str, threshold_ratio: float | None = None) -> Discrimina
 
     Raises
     ------
-    ModelError : there is none of that name; the advice names the nearest
+    ModelError : the name is unknown; the advice names the nearest
     ConfigError : the ratio makes no sense
     """
     found = named("phase discriminator", name, [*((d.name, d) for d in DISCRIMINATORS), *_ALSO.items()])
@@ -100,7 +100,7 @@ def discriminator(name: str, threshold_ratio: float | None = None) -> Discrimina
 def equivalent_noise(
     kind: Discriminator, inverse_cn0_s: npt.ArrayLike, accumulation_s: npt.ArrayLike
 ) -> Float64:
-    """Return the one-sided density of the white phase noise that stands for the discriminator's [rad^2/Hz].
+    """Return the one-sided density of the white phase noise equivalent to the discriminator's [rad^2/Hz].
 
     Equation: type 1: S_n = x; type 2: S_n = x (1 + x / (2 T)), x = 1 / q = (J/S) / DF_c + N_0 / C
                                                                     [Shatilov 2009, (19), (20)]

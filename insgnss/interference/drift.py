@@ -42,7 +42,7 @@ class DriftDensity(NamedTuple):
 
 
 class InertialDrift(NamedTuple):
-    """What an inertial sensor's errors add, part by part; one-sided [rad^2/s^3]."""
+    """The parts of an inertial sensor's drift density; one-sided [rad^2/s^3]."""
 
     accel_noise: float
     accel_bias: float
@@ -119,14 +119,12 @@ def density_of_record(
     T = float(positive("interval_s", interval_s, _TIME_ADVICE))
     if x.ndim != 1 or len(x) <= _FEWEST_SAMPLES:
         raise ConfigError(
-            f"a record of {x.size} samples tells nothing of drift",
+            f"a record of {x.size} samples is too short to show drift",
             key="samples",
             advice="give one row of at least 4; some hundreds for 10 %",
         )
     if not 0.0 < confidence < 1.0:
-        raise ConfigError(
-            f"a confidence of {confidence:g} makes no sense", key="confidence", advice="0.95, say"
-        )
+        raise ConfigError(f"invalid confidence {confidence:g}", key="confidence", advice="0.95, say")
     dx = per_unit * np.diff(x)
     n = len(dx)
     of_means = _OF_MEANS if averaged else 1.0
@@ -171,7 +169,7 @@ def phase_walk_of(h0_s: npt.ArrayLike, carrier_hz: float) -> Float64:
 
     Equation: S_f = h0 (2 pi f0)^2
     The paper's model has none. The h0 of a clock model for navigation is fitted at seconds and overstates the noise at
-    the milliseconds of a loop, for crystals by 20 dB: a phase-noise curve tells more.
+    the milliseconds of a loop, for crystals by 20 dB: a phase-noise curve shows more.
     """
     w0 = 2.0 * math.pi * positive("carrier_hz", carrier_hz, _CARRIER_ADVICE)
     return np.asarray(not_negative("h0_s", h0_s, "one-sided, in seconds") * w0**2)

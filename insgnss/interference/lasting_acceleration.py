@@ -1,9 +1,9 @@
-"""Acceleration that lasts: what a loop at its threshold makes of a manoeuvre, or of an aiding error that stays.
+"""Acceleration that lasts: a loop at its threshold in a manoeuvre, or under a constant aiding error.
 
-A Wiener frequency is pushed anew at every instant. A turn, a tilt or an accelerometer's bias push the same way for
-seconds, longer than a loop remembers. For a loop of second order its equivalent is the density S that makes the same
-error in the same loop; a loop of third order (``third_order``) follows it. ``threshold_in_motion`` computes both and
-takes the better.
+A Wiener frequency gets an independent push at every instant. A turn, a tilt or an accelerometer's bias push the same
+way for seconds, longer than a loop remembers. For a loop of second order its equivalent is the density S that makes
+the same error in the same loop; a loop of third order (``third_order``) follows it. ``threshold_in_motion`` computes
+both and takes the better.
 """
 
 from __future__ import annotations

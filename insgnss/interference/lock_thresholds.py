@@ -1,9 +1,9 @@
 """Where a phase loop loses lock, by Monte Carlo: mean time to slip of the optimal loop, and C_A as a function of it.
 
 The loop is simulated at its correlators' sums: ``I = cos(e) + n``, ``Q = sin(e) + n`` with noise of variance 1/(2 q T),
-the discriminator, and the discrete loop that is optimal for drift and noise. At every level the loop is matched anew: a
+the discriminator, and the discrete loop that is optimal for drift and noise. At every level the loop is rematched: a
 level is C_A, rms of the *linear theory* over the aperture, and the loop's bandwidth B is kept. A slip is an error
-beyond 0.75 of the aperture, from where the next stable point draws; then the loop starts anew without error.
+beyond 0.75 of the aperture, from where the next stable point draws; then the loop restarts without error.
 
 Time is counted in periods T, so that a level, B T and the discriminator fix everything. Densities are one-sided.
 """
@@ -70,13 +70,13 @@ def phase_output(kind: int, i: float, q: float) -> float:
 
 @kernel
 def count_slips(loop: SlipLoop, draws: Float64, state: Float64, slips: Int64, squares: Float64) -> None:
-    """Run m loops side by side through n periods; those that slip start anew without error.
+    """Run m loops side by side through n periods; those that slip restart without error.
 
     Equation: u = D(I, Q) / slope, e -= alpha u, w -= beta u; then e += w + walk (g2 / 2 + g3 / sqrt 12), w += walk g2
 
     Parameters
     ----------
-    draws : (m, n, 4) standard normal numbers: of I, of Q, of frequency, of what is left of phase
+    draws : (m, n, 4) standard normal numbers: of I, of Q, of frequency, of the remaining phase
     state : (m, 2) phase and frequency error, predicted, in and out
     slips : (m,) to which the slips are added
     squares : (m,) to which the squares of the predicted errors are added [rad^2]

@@ -132,7 +132,7 @@ def drift_variance(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Float64:
 def error_variance(drift: npt.ArrayLike, noise: npt.ArrayLike, phase_walk: npt.ArrayLike = 0.0) -> Float64:
     """Return the variance of the optimal loop's phase error, by linear theory [rad^2].
 
-    Equation: (S S_n^3)^(1/4) / sqrt 2; with white frequency noise of one-sided density S_f beside the drift:
+    Equation: (S S_n^3)^(1/4) / sqrt 2; with white frequency noise of one-sided density S_f besides the drift:
               sqrt(S_n / 2 (S_f / 2 + sqrt(S S_n)))                 [P_11 of the Riccati equation]
 
     Parameters

@@ -1,14 +1,14 @@
-"""Linear models of coherent receivers: what the phases that they track depend on, and what drives it.
+"""Linear models of coherent receivers: the states of the tracked phases, and their driving noise.
 
 A receiver is a linear model of its phases: ``x' = A x + white noise of intensity Q``, phases ``H x`` in white noise.
 
-- ``channel_model``: phase, frequency and acceleration of one line of sight. It stands for a channel of the two-stage
+- ``channel_model``: phase, frequency and acceleration of one line of sight. It represents a channel of the two-stage
   receiver: without INS with the vehicle's acceleration, with INS (aided) with the INS's acceleration error.
 - ``one_stage_model``: position, velocity, acceleration (three each), clock and clock rate, 11 states. Discriminators
   are rows of one filter over pseudo-coordinates; without INS or with it, as above.
 
 With INS a receiver gets the vehicle's acceleration without delay; the error of it is a Gauss-Markov process and a white
-part. Attitude is not in these models: 17 states with it stand in ``insgnss.studies.receiver.manoeuvring_covariance``.
+part. Attitude is not in these models: 17 states with it are in ``insgnss.studies.receiver.manoeuvring_covariance``.
                                                                     [Shatilov 2007, chapter 2, coherent receivers]
 
 Drift is given as a one-sided density, as in the whole room; A, Q and H are those of a Kalman filter: Q is two-sided.
@@ -99,7 +99,7 @@ class PhaseModel:
 
     @property
     def Q(self) -> Float64:
-        """Return the intensity of all that drives the states, (n, n)."""
+        """Return the intensity of the noise that drives the states, (n, n)."""
         return np.asarray(self.motion + self.oscillator)
 
 

@@ -108,7 +108,7 @@ def discretised(A: Float64, Q: Float64, step_s: float) -> DiscreteModel:
 
 
 def error_sources(A: Float64, motion: Float64, oscillator: Float64, H: Float64, noise: float) -> ErrorSources:
-    """Return what observation noise, motion and oscillator each add to P of the filter that is optimal for all.
+    """Return the parts of observation noise, motion and oscillator in P of the filter that is optimal for all.
 
     Equation: with K = P H^T / r, A_c = A - K H: A_c X + X A_c^T + W = 0 for W = r K K^T, motion, oscillator [Lyapunov]
     """

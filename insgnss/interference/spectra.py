@@ -1,4 +1,4 @@
-"""What a correlator makes of interference: spectra of the civil signals and their separation from an emitter's.
+"""Interference in a correlator: spectra of the civil signals and their separation from an emitter's.
 
 Spectra here are two-sided densities of complex baseband, of unit power over all frequencies, in 1/Hz. With them the
 interference's power J adds ``J kappa`` to the one-sided density N_0 of thermal noise at the carrier: a complex
@@ -127,7 +127,7 @@ def signal_named(name: str) -> Signal:
         reason = reason_unsupported(letter.strip().upper(), code.strip().upper())
         near = [f"{s.system}:{s.codes[0]}" for s in SIGNALS if s.system == letter.strip().upper()]
         raise ModelError(
-            f"'{name}' is no signal: {reason}", advice=f"known: {', '.join(near) or 'G, R, E, C, J, I, S'}"
+            f"unknown signal '{name}': {reason}", advice=f"known: {', '.join(near) or 'G, R, E, C, J, I, S'}"
         )
     return named("signal", name, [(signal_name(s), s) for s in SIGNALS])
 
@@ -171,7 +171,7 @@ def power_within(modulation: Modulation, front_end_hz: float) -> float:
 def broadband_separation(
     modulation: Modulation, front_end_hz: float, offset_hz: float, bandwidth_hz: float
 ) -> float:
-    """Return the separation of a signal from flat interference: what 1 W of it adds to N_0 [1/Hz].
+    """Return the separation of a signal from flat interference: the addition to N_0 by 1 W of it [1/Hz].
 
     Equation: kappa = int G_s G_j df / (int G_s df)^2 over the front end, G_j = 1 / B over the emitter's band
                                         [Betz 2001; Kaplan & Hegarty 2017, 9.2; referred to the signal's whole power]

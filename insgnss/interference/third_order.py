@@ -12,7 +12,7 @@ States ``phi' = w + n_f``, ``w' = a + n``, ``a' = -m a + n_a``, m = 1 / time. On
 noise, S of n, S_f of n_f; k = 2 pi f0 / c. The intensities of the Riccati equation are r = S_n / 2, q = S / 2,
 q_f = S_f / 2 and q_a = 2 m (k sigma)^2.
 
-Its characteristic polynomial p^3 + D1 p^2 + D2 p + D3 is the stable factor of the spectrum of all that the loop sees:
+Its characteristic polynomial p^3 + D1 p^2 + D2 p + D3 is the stable factor of the spectrum of the loop's whole input:
 
     D1^2 - 2 D2 = m^2 + q_f / r,  D2^2 - 2 D1 D3 = (q + q_f m^2) / r,  D3^2 = (q m^2 + q_a) / r
     K1 = D1 - m,  K2 = D2 - m K1,  K3 = D3 - m K2,  variance of the phase error r K1
@@ -44,7 +44,7 @@ class ThirdOrderGains(NamedTuple):
 
 
 class _Intensities(NamedTuple):
-    """What drives the loop, two-sided; all arrays of one shape."""
+    """The driving noise of the loop, two-sided; all arrays of one shape."""
 
     m: float  # [1/s]
     q: Float64  # of the frequency [rad^2/s^3]

@@ -1,6 +1,6 @@
 """Which oscillator and which INS together allow a wanted margin: the lines of the paper's figures 4, 5 and 6.
 
-Two characteristics stand for the two drifts [Shatilov 2009, (28)]:
+Two characteristics describe the two drifts [Shatilov 2009, (28)]:
 
     c_osc = df_max^2 / T_osc [Hz^2/s],  c_INS = dV_max^2 / T_INS [m^2/s^3],
     2 (2 pi / 3)^2 c_osc + 2 (2 pi f0 / (3 c))^2 c_INS <= S_max
@@ -49,7 +49,7 @@ class Diagram(NamedTuple):
 
 
 def per_ins(carrier_hz: float) -> float:
-    """Return what a c_INS of 1 m^2/s^3 adds to S: 2 (2 pi f0 / (3 c))^2, 249.888 rad^2/s^3 at 1600 MHz."""
+    """Return the contribution of a c_INS of 1 m^2/s^3 to S: 2 (2 pi f0 / (3 c))^2, 249.888 rad^2/s^3 at 1600 MHz."""
     return 2.0 * (per_mps(carrier_hz) / 3.0) ** 2
 
 

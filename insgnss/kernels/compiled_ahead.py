@@ -1,4 +1,4 @@
-"""Filling an empty cache: what the main commands need is compiled once, by a process for each of up to four cores.
+"""Filling an empty cache: the main commands' kernels are compiled once, by a process for each of up to four cores.
 
 The compiler runs on one core and takes most of the time of a first run. So the command that finds the cache empty
 starts processes that go through one list of kernels (``runs.kernel_list``), each taking what no other has taken, and

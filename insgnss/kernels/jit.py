@@ -1,8 +1,8 @@
 """The decorator of the kernels and the cache policy.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
-Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
-calls. A new folder is the moment at which those of earlier versions that nobody has used for 30 days are removed.
+Python, NumPy and Numba: Numba itself only notices an edit of the file of a function, not of the functions it
+calls. When a new folder is made, folders of earlier versions unused for 30 days are removed.
 Each file ends in its SHA-256: a damaged one is compiled again. The files are pickles and machine code, so files of
 another user are never loaded, nor is a folder of another user used.
 ``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
@@ -35,7 +35,7 @@ import numpy as np
 
 from insgnss.kernels.numba_parts import Apart, compiled, is_trusted
 
-UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
+UNUSED_DAYS: Final = 30  # compiled code of other versions is removed after so long without use
 _DAY_S: Final = timedelta(days=1).total_seconds()
 _WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
 _OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
@@ -108,7 +108,7 @@ def trusted_cache(root: Path) -> Path:
 
 
 def tend_caches(folder: Path) -> None:
-    """Mark a folder of compiled code as used today; where it is new, remove those beside it that nobody uses.
+    """Mark a folder of compiled code as used today; where it is new, remove unused ones of other versions.
 
     Only folders that carry a hash as their name and hold compiled code are touched, and nothing is said when the disk
     does not let us.
@@ -157,7 +157,7 @@ def kernel(function: _F | None = None, /, *, inline: bool = False, apart: bool =
 
     Raises
     ------
-    TypeError : a kernel apart does not stand at the top of a module
+    TypeError : a kernel apart is not at the top level of a module
     """
     if function is None:
         return lambda decorated: _compiled(decorated, inline=inline, apart=apart)

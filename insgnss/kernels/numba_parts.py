@@ -1,10 +1,10 @@
-"""All that the package uses of Numba's inner parts; everything else goes through ``insgnss.kernels.jit``.
+"""Everything that the package uses of Numba's internals; everything else goes through ``insgnss.kernels.jit``.
 
 ``compiled`` seals the files of machine code. ``Apart`` is a kernel that is called by its address: compiled once, apart
 from its callers, and only when it is needed. Numba links every kernel that another one calls into it, then optimises
 and translates all of it again: down the calls of the filter's loop most code would be translated four times. A kernel
-apart is reached through a pointer instead. Its callers need to know no more than the types it takes and returns, so
-they can be compiled before it, beside it in another process, or without it, where nobody ever calls it.
+apart is reached through a pointer instead. Its callers need only the types it takes and returns, so they
+can be compiled before it, in parallel in another process, or without it if it is never called.
 
 A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_find``, back in
 Python, which compiles the kernel for the types of the call or fetches it from the cache; the cell keeps the answer. The
@@ -73,12 +73,12 @@ def compiled(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
 
 
 def is_trusted(status: os.stat_result) -> bool:
-    """Return whether a file belongs to this user or to the administrator; Windows does not tell."""
+    """Return whether a file belongs to this user or to the administrator; unknown on Windows."""
     return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
 
 
 class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """A kernel's files in the cache, each with its hash at the end; what is damaged or not ours counts as not there."""
+    """A kernel's files in the cache, each with its hash at the end; damaged or foreign ones count as absent."""
 
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):  # a full disk: the code is compiled again next time
@@ -109,7 +109,7 @@ class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _unsealed(path: str) -> bytes | None:
-    """Return what a file of the cache holds before its hash; None where it is absent, damaged or another user's."""
+    """Return the content of a cache file before its hash; None where it is absent, damaged or another user's."""
     try:
         with open(path, "rb") as file:
             sealed = file.read() if is_trusted(os.fstat(file.fileno())) else b""
@@ -135,7 +135,7 @@ def _seal_files(dispatcher: Any) -> None:
 
 
 _SYMBOL: Final = "insgnss_find_kernel"
-_NOT_COMPILED: Final = 0  # answers that are no addresses
+_NOT_COMPILED: Final = 0  # return values that are not addresses
 _INTERRUPTED: Final = -1
 _NUMBERS: Final[dict[Any, Any]] = {
     bool: types.boolean,
@@ -167,7 +167,7 @@ class Apart:
 
     @property
     def return_type(self) -> Any:
-        """The compiler's type of what the kernel says it returns."""
+        """The compiler's type of the kernel's declared return value."""
         return _type_of(typing.get_type_hints(self.kernel.py_func)["return"])
 
     def address(self, argument_types: tuple[Any, ...]) -> int:

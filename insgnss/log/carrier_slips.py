@@ -14,7 +14,7 @@ def slipped_rows(
     """Return for rows in time order whether the carrier may have slipped since its last valid value.
 
     It has when the lock time fell or is shorter than the time since then, or when a half cycle was subtracted or added;
-    beyond the lock time's ceiling nothing is known. The first value of a satellite and signal is no slip.
+    beyond the lock time's ceiling nothing is known. The first value of a satellite and signal is not a slip.
 
     Parameters
     ----------

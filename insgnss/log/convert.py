@@ -32,7 +32,7 @@ from insgnss.tables import Event
 
 @dataclass(frozen=True)
 class Conversion:
-    """What was read and what was written."""
+    """The files read and written."""
 
     formats: tuple[tuple[Path, Format], ...]  # each input
     log: ReceiverLog
@@ -43,16 +43,16 @@ class Conversion:
 
 
 def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | None = None) -> Conversion:
-    """Read receivers' files and write what a flight needs into the folder ``output``.
+    """Read receivers' files and write a flight's inputs into the folder ``output``.
 
     The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
     RINEX navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a
     reference. A flight file that is already there is kept: somebody may have filled it in. ``declared`` is what the
-    files cannot tell.
+    files do not state.
 
     Raises
     ------
-    InputError and its kin : an input is missing, unknown or unreadable, or there is no log among them
+    InputError or a subclass : an input is missing, unknown or unreadable, or none of them is a log
     ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
@@ -61,11 +61,11 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     if navigation_files:
         events += read_navigation(navigation_files)[1]
     if log.navigation is not None and not _has_messages(log):
-        detail = "no whole ephemeris among the broadcast messages: no navigation file written"
+        detail = "no complete ephemeris in the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
     if log.gnss.sat is not None and (navigation_files or log.navigation is not None):
-        detail = "the phone's satellite states are not written: the navigation files stand in"
+        detail = "the phone's satellite states are not written: the navigation files replace them"
         events.append(Event(None, "satellite_states_not_used", detail))
         log = replace(log, gnss=replace(log.gnss, sat=None))
     copies = _copies(navigation_files)
@@ -92,7 +92,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
 
 
 def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
-    """Return the names of the files that hold what the log has."""
+    """Return the names of the files for the log's content."""
     return [
         *((GNSS_FILE,) if len(log.gnss.t_ns) else ()),
         *copies,
@@ -103,7 +103,7 @@ def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
 
 
 def _write_tables(log: ReceiverLog, folder: Path) -> int:
-    """Write what the log has; return the number of navigation messages."""
+    """Write the log's content; return the number of navigation messages."""
     span_ns = log.span_ns()
     week = span_ns[0] // NS_PER_WEEK
     messages = 0

@@ -1,4 +1,4 @@
-"""What the user of a receiver's file declares because the file cannot tell it."""
+"""The user's declarations for a receiver's file, which the file itself does not state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class LogDeclarations:
-    """The declarations beside the inputs of a conversion; what is left out is taken from the files or missed there."""
+    """The declarations for a conversion; values that are not declared come from the files if they state them."""
 
     date: dt.date | None = None  # of the log's first epoch, for streams that do not say it
     imu_scales: tuple[float, float] | None = None  # [rad, m/s] of one count of a NovAtel sensor

@@ -1,4 +1,4 @@
-"""Which format a receiver's file has, by what stands in it; names and extensions count for nothing."""
+"""The format of a receiver's file, by its content; names and extensions do not count."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
 _MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
 _UBX_SYNC: Final = b"\xb5\x62"
-_UBX_TRIES: Final = 500  # sync words looked at, so that bytes made of them alone cost no more than a second
+_UBX_TRIES: Final = 500  # sync words looked at, so that a file full of them costs at most a second
 _UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
@@ -44,7 +44,7 @@ _ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
 def detect_format(path: Path) -> Format:
     """Return the format of a file (plain or gzipped).
 
-    Binary formats are told by blocks whose check sums hold; of two kinds the one with more bytes counts.
+    Blocks with valid check sums identify a binary format; of two formats the one with more bytes counts.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def detect_format(path: Path) -> Format:
     rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
     if rinex is not None:
         return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
-    # a receiver's own format counts before the RTCM that it may send beside it
+    # a receiver's own format takes precedence over RTCM in the same file
     own: dict[Format, int] = {
         "ubx": _ubx_bytes(data),
         "sbf": _sbf_bytes(data),
@@ -75,9 +75,9 @@ def detect_format(path: Path) -> Format:
     if _ANDROID.search(data.decode("latin-1")):
         return "android"
     raise InputError(
-        "no receiver format that is known",
+        "not a supported receiver file",
         file=path,
-        advice=f"{_looks_like(data)}; read are {', '.join(NAMES.values())}",
+        advice=f"{_looks_like(data)}; supported: {', '.join(NAMES.values())}",
     )
 
 
@@ -145,11 +145,11 @@ def _rtcm_bytes(data: bytes) -> int:
 
 def _looks_like(data: bytes) -> str:
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
-        return "this is NMEA: it holds positions, no measurements"
+        return "this is NMEA, which holds positions but no measurements"
     if data[:1] == _RTCM_PREAMBLE:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):
         return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
     if data[:1] == b"#" or b"," in data[:200]:
         return "this looks like CSV: name it in a flight file with its columns instead"
-    return "it is empty of what the formats begin with"
+    return "it has no header of a known format"

@@ -56,7 +56,7 @@ def file_buffer(path: Path) -> pa.Buffer:
 
 
 def _unpacked(path: Path) -> pa.Buffer:
-    """Return what a gzip file holds, read in pieces; a file that grows beyond belief is no log.
+    """Return the content of a gzip file, read in pieces; a file that expands too much is not a log.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _unpacked(path: Path) -> pa.Buffer:
 
 
 def _uncompressed(path: Path) -> pa.Buffer:
-    """Return what a file of Unix' compress (LZW) holds; it has no checksum, its reader tells what is cut.
+    """Return the content of a file of Unix' compress (LZW); it has no checksum, its reader detects a cut.
 
     Raises
     ------
@@ -97,11 +97,11 @@ class _UnpackedBytes:
         self._pieces = bytearray()
 
     def write(self, piece: bytes) -> int:
-        """Add a piece; a file that grows beyond belief is no log."""
+        """Add a piece; refuse a file that expands too much to be a log."""
         self._pieces += piece
         if len(self._pieces) > largest_unpacked(self.packed_bytes):
             raise InputError(
-                f"the {self.kind} file grows to more than {MOST_TIMES} times its size, which no log does",
+                f"the {self.kind} file expands to more than {MOST_TIMES} times its size, which no log does",
                 file=self.path,
                 advice="if it is one, unpack it and name the unpacked file",
             )
@@ -130,7 +130,7 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
 
 
 def file_text(path: Path) -> str:
-    """Return the file's text, unpacked when packed; bytes that are no UTF-8 are read as Latin-1."""
+    """Return the file's text, unpacked when packed; bytes that are not UTF-8 are read as Latin-1."""
     data: bytes = file_buffer(path).to_pybytes()
     try:
         return data.decode("utf-8-sig")

@@ -1,4 +1,4 @@
-"""Many events of one kind: the first are told one by one, the others counted."""
+"""Many events of one kind: the first are reported one by one, the others counted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def first_events(
     Parameters
     ----------
     source : the file, named in the count
-    outcome : what became of all of them, named there too
+    outcome : the common outcome, named there too
     """
     events = [event(item) for item in items[:MAX_EVENTS_EACH]]
     if len(items) > MAX_EVENTS_EACH:

@@ -1,4 +1,4 @@
-"""The first flight file of a converted log: what the log says, and in comments what only its user can know."""
+"""The first flight file of a converted log, with comments for the entries that only its user knows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
     ----------
     sources : the inputs
     log : what they hold
-    written : names of the files beside it
+    written : names of the files in the same folder
     """
     first_ns = log.span_ns()[0]
     when = f"{ns_to_datetime(first_ns):%Y-%m-%d %H:%M:%S} GPS time"
@@ -39,7 +39,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
     others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE}
     lines = [
         f"# First flight file, from {named} ({when}).",
-        "# DECLARE marks what no log can tell: settle each of them before trusting a result.",
+        "# DECLARE marks what no log states: complete each of them before you trust a result.",
         f"gps_week = {first_ns // NS_PER_WEEK}",
         "",
         *_imu_lines(log),
@@ -100,16 +100,16 @@ def _navigation_line(names: Sequence[str], log: ReceiverLog) -> str:
 
 
 def _reference_lines(log: ReceiverLog) -> list[str]:
-    """Return the entry of the receiver's own solution; it is no truth, and a phone's is not scored tightly."""
+    """Return the entry of the receiver's own solution, not independent truth; a phone's is not scored tightly."""
     if log.solution is None:
         return []
     mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
     return [
         "",
-        f"# The receiver's own solution with its sigmas{mark}: made of the same signals, no independent truth.",
+        f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent truth.",
         "[reference]",
         f'file = "{REFERENCE_FILE}"',
-        f'point = "{log.solution_point}"  # DECLARE: the point that the receiver was told to report',
+        f'point = "{log.solution_point}"  # DECLARE: the point that the receiver is configured to report',
     ]
 
 

@@ -116,7 +116,7 @@ class Flight(ResultDisplay):
         Raises
         ------
         ConfigError : the flight file has no [imu]
-        InputError and its kin : a log is missing, unreadable, or contradicts the flight file
+        InputError or a subclass : a log is missing, unreadable, or contradicts the flight file
         TimeError : inertial and GNSS log do not overlap in time
         """
         declared = inertial(self.config)
@@ -130,7 +130,7 @@ class Flight(ResultDisplay):
         return logs
 
     def _gnss_logs(self) -> GnssLogs:
-        """Return the GNSS log and what goes with it; empty where the flight has position fixes alone."""
+        """Return the GNSS log and its satellite data; empty where the flight has position fixes alone."""
         if not self.config.gnss.files:
             return without_gnss()
         return read_gnss_logs(self.config.gnss, self.config.gps_week, self.path)
@@ -156,7 +156,7 @@ class Flight(ResultDisplay):
         )
 
     def _sensors(self, imu: ImuTable) -> tuple[tuple[SensorTable, ...], list[Event]]:
-        """Read the logs of the further sensors; one that has none is told and left out."""
+        """Read the logs of the further sensors; a sensor without a log is reported and left out."""
         tables, events = [], []
         for sensor in self.config.sensor:
             if not sensor.files:
@@ -215,11 +215,11 @@ class FlightInMemory(Flight):
 
 
 def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
-    """Return the GPS week in which a log begins whose times tell it.
+    """Return the GPS week in which a log begins, if its times state it.
 
     Raises
     ------
-    ConfigError : the times of all logs are seconds of a week that nothing tells
+    ConfigError : the times of all logs are seconds of an unknown week
     """
     t_ns = np.zeros(0, np.int64)
     if config.gnss.files and (config.gnss.format != "csv" or not config.gnss.counts_in_gps_week):

@@ -10,7 +10,7 @@ from insgnss.tables import Event
 
 
 class FrameSearch(Protocol):
-    """One file, and what was found wrong while its frames were searched."""
+    """One file, and the defects found while its frames were searched."""
 
     path: Path
     foreign_bytes: int  # between the frames

@@ -14,11 +14,11 @@ from insgnss.tables import Event, GnssTable
 
 
 def read_further_antennas(config: FlightConfig, main: GnssTable) -> tuple[tuple[GnssTable, ...], list[Event]]:
-    """Return the observations of each antenna of ``config.attitude``, in its order, and what is worth telling.
+    """Return the observations of each antenna of ``config.attitude``, in its order, and the events.
 
     Raises
     ------
-    InputError and its kin : a log is missing, cannot be read, or has no carrier phase
+    InputError or a subclass : a log is missing, cannot be read, or has no carrier phase
     TimeError : a log has no time in common with the main one
     """
     if config.attitude is None:
@@ -54,7 +54,7 @@ def require_carrier(gnss: GnssTable, whose: str, file: object) -> None:
     """
     if gnss.carrier_cycles is None or not np.isfinite(gnss.carrier_cycles).any():
         raise InputError(
-            f"{whose} has no carrier phase, which the attitude is made of",
+            f"{whose} has no carrier phase, which the attitude needs",
             file=str(file),
             key="gnss.columns.carrier",
             advice="log carrier phases (RINEX L1C, UBX RXM-RAWX), or leave out the [attitude] block",

@@ -1,6 +1,6 @@
 """Which GLONASS satellite is behind a frequency channel, for phones that log nothing but the channel.
 
-Two satellites share a channel, and they stand on opposite sides of the Earth: at most one of them is in view. The
+Two satellites share a channel, on opposite sides of the Earth: at most one of them is in view. The
 receiver lies in the mean direction of the satellites that its log names, within some 30 deg; a satellite in view is
 less than 76 deg from the receiver's zenith as seen from the Earth's centre, its antipode more than 104 deg.
 """
@@ -27,7 +27,7 @@ _CLEAR: Final = 0.5
 
 
 def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[GnssTable, list[Event]]:
-    """Return the log with the satellites known by their channel alone under their own names, where messages tell."""
+    """Return the log with satellites known by channel alone renamed, if messages identify them."""
     unknown = {
         k: channel for k, name in enumerate(gnss.sv_names) if (channel := channel_of_name(name)) is not None
     }
@@ -57,8 +57,8 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
         events.append(Event(None, "glonass_slot_found", detail))
     if left:
         detail = (
-            f"{left} rows of GLONASS satellites known by their channel alone (R43 to R56) cannot be told apart:"
-            " the messages of GLONASS and of other satellites in the log would do it"
+            f"{left} rows of GLONASS satellites known by their channel alone (R43 to R56) are ambiguous:"
+            " log messages of GLONASS and of other satellites to identify them"
         )
         events.append(Event(None, "glonass_slot_unknown", detail))
     sv_names, sv = np.unique(names.astype(str), return_inverse=True)

@@ -1,6 +1,6 @@
 """GNSS logs: CSV files with one row per satellite, signal and epoch become a ``GnssTable``.
 
-Both forms are read: with satellite states in the row, or with a navigation file beside it.
+Both forms are read: with satellite states in the row, or with a navigation file.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
 
     Raises
     ------
-    InputError and its kin : a file or column is missing, or too many rows cannot be read
+    InputError or a subclass : a file or column is missing, or too many rows cannot be read
     """
     if config.format == "rinex":
         return _read_rinex(config)
@@ -161,13 +161,13 @@ def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:
     present = pseudorange_m[np.isfinite(pseudorange_m)]
     if not len(present):
         raise ColumnError(
-            "holds no number at all", file=path, column=name, advice="is it the column of pseudoranges?"
+            "holds no numbers", file=path, column=name, advice="check that it is the column of pseudoranges"
         )
     middle = float(np.median(present))
     for unit, metres in OTHER_UNITS_M.items():
         if NEAREST_M < middle * metres < FARTHEST_M:
             raise UnitsError(
-                f"pseudoranges near {middle:.4g} are no metres",
+                f"pseudoranges near {middle:.4g} are not metres",
                 file=path,
                 column=name,
                 advice=f"they look like {unit}",
@@ -197,7 +197,9 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float6
             column=missing[0],
             advice="give all eight (position, velocity, clock, clock drift) or a navigation file",
         )
-    detail = f"{path}: satellite states without '{missing[0]}' are not used: the navigation files stand in"
+    detail = (
+        f"{path}: satellite states without '{missing[0]}' are not used: the navigation files replace them"
+    )
     return None, [Event(None, "satellite_states_not_used", detail)]
 
 
@@ -217,7 +219,7 @@ def _states_of_one_source(parts: list[GnssTable], config: Gnss) -> tuple[list[Gn
         )
         return parts, [Event(None, "satellite_states_missing", detail)]
     detail = (
-        f"{without[0]}: no satellite states; {others} are not used: the navigation files stand in for all"
+        f"{without[0]}: no satellite states; {others} are not used: the navigation files replace all of them"
     )
     return [replace(part, sat=None) for part in parts], [Event(None, "satellite_states_not_used", detail)]
 

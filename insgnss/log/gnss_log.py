@@ -1,4 +1,4 @@
-"""All that a flight file names of the satellites: the receiver's log in any format, messages, products, base."""
+"""A flight file's satellite data: the receiver's log in any format, messages, products, base station."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from insgnss.tables import Event, GnssTable, NavigationData, PreciseProducts
 
 @dataclass(frozen=True)
 class GnssLogs:
-    """The observations and all that says where the satellites were."""
+    """The observations and the data that give the satellite positions."""
 
     gnss: GnssTable
     navigation: NavigationData | None
@@ -41,13 +41,13 @@ class GnssLogs:
 
 
 def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
-    """Read the GNSS log of a flight and what goes with it.
+    """Read the GNSS log of a flight and its satellite data.
 
-    Messages that stand in a receiver's own file are used beside those of the navigation files.
+    Messages in a receiver's own file are used together with those of the navigation files.
 
     Raises
     ------
-    InputError and its kin : a file is missing or cannot be read
+    InputError or a subclass : a file is missing or cannot be read
     NavigationDataError : there is nothing that says where the satellites were, or it is of another day
     """
     log = read_receiver(config, week)
@@ -62,7 +62,7 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     gnss, found = with_slots(gnss, navigation)
     events += found
     if gnss.sat is not None and config.format == "android" and (navigation is not None or config.precise):
-        detail = "the phone's satellite states are not used: messages or products stand in"
+        detail = "the phone's satellite states are not used: messages or products replace them"
         events.append(Event(None, "satellite_states_not_used", detail))
         gnss = replace(gnss, sat=None)
     products = antennas = base = None
@@ -98,7 +98,7 @@ def read_receiver(config: Gnss, week: int) -> ReceiverLog:
     Raises
     ------
     ConfigError : the flight has position fixes alone
-    InputError and its kin : a file is missing or cannot be read
+    InputError or a subclass : a file is missing or cannot be read
     """
     if not config.files:
         advice = "give [gnss] with its files; 'insgnss replay' runs on position fixes alone"

@@ -1,6 +1,6 @@
 """Recordings of a radio front end: raw integers, interleaved or real, read and written block by block.
 
-Such a file has no header: how its numbers stand in it, the sampling rate and the intermediate frequency are declared.
+Such a file has no header: the number format, the sampling rate and the intermediate frequency are declared.
 Nothing can be checked against the file but its size; a declaration that no signal fits is refused.
 
     recording = IqFile("gps.bin", Sampling(4e6, is_complex=True), "int8")
@@ -32,7 +32,7 @@ _MOST_HZ: Final = 1e10
 
 @dataclass(frozen=True)
 class IqFile:
-    """A recording and what is declared of it.
+    """A recording and its declarations.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class IqFile:
         if size % self._bytes:
             kind = "complex" if self.sampling.is_complex else "real"
             raise InputError(
-                f"{size} bytes are no whole number of {kind} {self.sample_type} samples of {self._bytes} bytes",
+                f"{size} bytes are not a whole number of {kind} {self.sample_type} samples of {self._bytes} bytes",
                 file=self.path,
                 advice="check sample type, complex or real, and skip_bytes; cut a broken end off",
             )
@@ -135,12 +135,12 @@ def rounded(block: SignalSamples, sample_type: str) -> SignalSamples:
 def write_iq(
     path: str | Path, blocks: Iterable[SignalSamples], sample_type: str = "int8", order: str = "iq"
 ) -> int:
-    """Write samples with noise of variance 1 as integers; return how many of their numbers stand at its limits.
+    """Write samples with noise of variance 1 as integers; return how many of their numbers are at its limits.
 
     Raises
     ------
     ConfigError : a type or order that does not exist
-    ResultError : the file cannot be written, or one of somebody else stands there
+    ResultError : the file cannot be written, or a file of another program is in its place
     """
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
         _refuse_type(sample_type, order)
@@ -164,7 +164,7 @@ def write_iq(
 
 
 def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes: int) -> None:
-    """Refuse what no recording can be."""
+    """Refuse impossible declarations of a recording."""
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
         _refuse_type(sample_type, order)
     rate = sampling.rate_hz
@@ -173,7 +173,9 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
         raise ConfigError(f"a sampling rate of {rate:g} Hz", key="rate_hz", advice=advice)
     if not math.isfinite(sampling.intermediate_hz):
         advice = "give the frequency that the carrier without Doppler has in the samples, in Hz"
-        raise ConfigError("an intermediate frequency that is no number", key="intermediate_hz", advice=advice)
+        raise ConfigError(
+            "the intermediate frequency is not a finite number", key="intermediate_hz", advice=advice
+        )
     if skip_bytes < 0:
         raise ConfigError(f"{skip_bytes} bytes to skip", key="skip_bytes", advice="give 0 or more")
 

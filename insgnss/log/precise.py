@@ -1,7 +1,7 @@
 """Precise orbits (SP3-c, SP3-d), clocks (SP3, RINEX clock) and satellite antennas (ANTEX), read through ``sidereon``.
 
 Several files become one set of products: days are joined, a node that two files have is taken from the first, and an
-event tells how far the other was off. A satellite of a RINEX clock file takes its clock from such files alone, since
+event states how far the other was off. A satellite of a RINEX clock file takes its clock from such files alone, since
 two sources have two time references. Time systems become GPS time; GLO in SP3 has the hours of UTC (SP3-d, line 13).
 A node with the flag of a manoeuvre or a clock event is left out with its neighbours, so that nothing is interpolated
 across it.
@@ -51,7 +51,7 @@ _Nodes = dict[int, Any]  # time [ns] -> value
 
 @dataclass
 class _ProductContents:
-    """What the files gave so far: per satellite its nodes."""
+    """The content of the files so far: per satellite its nodes."""
 
     orbit: dict[str, _Nodes] = field(default_factory=dict)  # values (3,) [m]
     sp3_clock: dict[str, _Nodes] = field(default_factory=dict)  # [s]
@@ -245,7 +245,7 @@ def _merge(
     what: str,
     found: _ProductContents,
 ) -> None:
-    """Add nodes that are not there yet; tell how many were, and how far off the new ones are."""
+    """Add nodes that are not there yet; report how many were, and how far off the new ones are."""
     repeated, farthest_m = [], 0.0
     for name, nodes in new.items():
         known = into.setdefault(name, {})
@@ -255,7 +255,7 @@ def _merge(
         into[name] = nodes | known
     if repeated:
         told = (
-            f"{path}: {len(repeated)} {what} node(s) stand in an earlier file too, up to {farthest_m:.3f} m apart; "
+            f"{path}: {len(repeated)} {what} node(s) are in an earlier file too, up to {farthest_m:.3f} m apart; "
             "the earlier file counts"
         )
         found.events.append(Event(min(repeated), "precise_overlap", told))

@@ -1,4 +1,4 @@
-"""What a receiver's own file holds: observations, broadcast messages, inertial samples, the receiver's own solution."""
+"""A receiver's own file: observations, broadcast messages, inertial samples, the receiver's own solution."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ReceiverLog:
     # the sensor's, as far as its format says where they point
     imu_axes: tuple[str, str, str] = ("+x", "+y", "+z")
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
-    # whose place the solution is, unless the user told otherwise
+    # whose place the solution is, unless configured otherwise
     solution_point: Literal["imu", "antenna"] = "antenna"
 
     def span_ns(self) -> tuple[int, int]:
@@ -50,7 +50,7 @@ def assembled(
     holder: str,
     advice: str,
 ) -> ReceiverLog:
-    """Return the log of a container (a bag, a flight recorder's file) from what was found in it.
+    """Return the log of a container (a bag, a flight recorder's file) from its content.
 
     Parameters
     ----------

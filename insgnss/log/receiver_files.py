@@ -25,7 +25,7 @@ def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations
 
     Raises
     ------
-    InputError and its kin : a file is unreadable, holds nothing of use, or the format takes one file alone
+    InputError or a subclass : a file is unreadable, holds no usable data, or the format allows only one file
     """
     return _READERS[kind](paths, declared)
 

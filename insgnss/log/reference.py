@@ -23,7 +23,7 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
 
     Raises
     ------
-    InputError and its kin : the file or a position column is missing, no row is good enough
+    InputError or a subclass : the file or a position column is missing, no row is good enough
     """
     names = config.columns
     sigmas = (*names.sigma_position, *names.sigma_velocity, *names.sigma_attitude)

@@ -41,7 +41,7 @@ def channel_of_name(name: str) -> int | None:
 
 
 def numbered_name(system: str, number: int) -> str | None:
-    """Return the name of a constellation's satellite by its number, None when there is none such."""
+    """Return the name of a constellation's satellite by its number, None if there is none."""
     first, taken_off = OTHER_NUMBERS.get(system, (0, 0))
     if taken_off and number >= first:
         number -= taken_off  # S120 -> S20

@@ -58,7 +58,7 @@ def read_yuma(path: Path, near_week: int) -> NavigationData:
                 advice="copy it whole",
             )
     if not blocks:
-        raise InputError("this is no YUMA almanac: no line begins with 'ID:'", file=path)
+        raise InputError("not a YUMA almanac: no line begins with 'ID:'", file=path)
     return NavigationData(_table([block for _, block in blocks], near_week), None, None)
 
 
@@ -78,11 +78,11 @@ def _blocks(path: Path, shown: Path) -> list[tuple[int, dict[str, float]]]:
                 raise ValueError(value)
         except ValueError:
             raise InputError(
-                f"'{found[2]}' is no number that an almanac has there",
+                f"'{found[2]}' is not a valid almanac value",
                 file=shown,
                 line=number,
                 column=found[1],
-                advice="copy the file anew",
+                advice="copy the file again",
             ) from None
         if name == "id":
             blocks.append((number, {}))

@@ -1,4 +1,4 @@
-"""The search supervisor over a run: what a receiver should have done about every satellite, tracked or hidden.
+"""The search supervisor over a run: a receiver's best action for every satellite, tracked or hidden.
 
 ::
 

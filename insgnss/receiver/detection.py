@@ -22,7 +22,7 @@ _POISSON_SIGMAS: Final = 12.0  # weights further from their mean are below 1e-30
 
 
 class Detector(NamedTuple):
-    """What a detection needs: the ratio of each look for 1, 2, ... looks, processing loss included."""
+    """The requirement of a detection: the ratio of each look for 1, 2, ... looks, processing loss included."""
 
     required_snr: Float64  # (max_looks,) of each look [-], falling
     coherent_limit_s: float  # inf: one look, as long as it takes
@@ -37,7 +37,7 @@ class Accumulation(NamedTuple):
 
 
 def _special() -> Any:
-    """Return SciPy's special functions, loaded late: a replay that does not supervise the search goes without them."""
+    """Return SciPy's special functions, loaded late: a replay without supervision does not need them."""
     from scipy import special
 
     return special
@@ -60,7 +60,7 @@ def marcum_q(order: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike) -> Float6
 
 
 def threshold(pfa: npt.ArrayLike, looks: npt.ArrayLike = 1) -> Float64:
-    """Return what noise alone exceeds with the probability Pfa: a sum of looks, each over its mean without signal.
+    """Return the threshold of Pfa for noise alone: a sum of looks, each over its mean without signal.
 
     Equation: Gamma(K, y) / Gamma(K) = Pfa                          [Marcum 1960; Richards 2014, chapter 6]
     """
@@ -99,7 +99,7 @@ def albersheim_snr_db(pd: float, pfa: float, looks: npt.ArrayLike = 1) -> Float6
 
     Raises
     ------
-    ConfigError : pd and pfa are no pair the formula has a value for
+    ConfigError : the formula has no value for this pair of pd and pfa
     """
     _check_pair(pd, pfa)
     A, B = math.log(0.62 / pfa), math.log(pd / (1.0 - pd))
@@ -148,14 +148,14 @@ def coherent_snr_db(pd: float, pfa: float) -> float:
 def _check_pair(pd: float, pfa: float) -> None:
     if not 0.0 < pfa < pd < 1.0:
         raise ConfigError(
-            f"pd {pd:g} and pfa {pfa:g} are no probabilities of a detection and of a false alarm",
+            f"pd {pd:g} and pfa {pfa:g} are not valid probabilities of detection and false alarm",
             key="pfa" if 0.0 < pd < 1.0 else "pd",
             advice="give 0 < pfa < pd < 1",
         )
 
 
 def detector(settings: Detection) -> Detector:
-    """Return what the detection of these settings needs; worth keeping, as the exact method takes some seconds.
+    """Return the requirement of a detection; worth keeping, as the exact method takes some seconds.
 
     A carrier of known phase is collected in one look: its coherent limit says nothing.
 

@@ -20,12 +20,12 @@ from insgnss.tables import Event, Int64
 def read_receiver_events(
     path: Path, week: int, scale: TimeScale | None = None
 ) -> tuple[ReceiverEvents, list[Event]]:
-    """Read a log of events; rows are sorted by time, a row that stands twice counts once.
+    """Read a log of events; rows are sorted by time, a repeated row counts once.
 
     Raises
     ------
-    InputError and its kin : the file or a column is missing
-    ColumnError : a word is no event, or a name no satellite; the line is named, and the nearest event
+    InputError or a subclass : the file or a column is missing
+    ColumnError : an event or a satellite is unknown; the error names the line and the nearest event
     """
     times = LogTable(time=TimeScale() if scale is None else scale)
     table = read_csv_table(path, wanted_with_time(times, ColumnSelection(text=("sv", "event"))))
@@ -48,7 +48,7 @@ def _event_code(word: str, table: CsvTable) -> int:
     near = difflib.get_close_matches(text, EVENT_NAMES, n=1, cutoff=0.5)
     hint = f"nearest: '{near[0]}'; " if near else ""
     raise ColumnError(
-        f"'{word}' is no event of a receiver",
+        f"unknown receiver event '{word}'",
         file=table.path,
         line=_line_of(word, "event", table),
         column="event",
@@ -60,7 +60,7 @@ def _satellite(word: str, table: CsvTable) -> str:
     name = normalised_name(word)
     if name is None:
         raise ColumnError(
-            f"'{word}' is no satellite",
+            f"unknown satellite '{word}'",
             file=table.path,
             line=_line_of(word, "sv", table),
             column="sv",
@@ -76,7 +76,7 @@ def _line_of(word: str, column: str, table: CsvTable) -> int | None:
 
 
 def _in_order(t_ns: Int64, sv: Int64, event: Int64, path: Path) -> tuple[Int64, list[Event]]:
-    """Return the rows to keep, by time and stable, and what was noticed."""
+    """Return the rows to keep, by time and stable, and the events."""
     order = np.argsort(t_ns, kind="stable")
     noticed = []
     if np.any(np.diff(t_ns) < 0):
@@ -84,6 +84,6 @@ def _in_order(t_ns: Int64, sv: Int64, event: Int64, path: Path) -> tuple[Int64, 
     keys = np.column_stack([t_ns, sv, event])[order]
     _, first = np.unique(keys, axis=0, return_index=True)
     if len(first) < len(keys):
-        detail = f"{path}: {len(keys) - len(first)} row(s) that stand twice count once"
+        detail = f"{path}: {len(keys) - len(first)} repeated row(s) count once"
         noticed.append(Event(None, "receiver_events_repeated", detail))
     return np.asarray(order[np.sort(first)], np.int64), noticed

@@ -1,4 +1,4 @@
-"""What a receiver did, held against what the supervisor would have told it to do."""
+"""A receiver's events, compared with the supervisor's decisions."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class SatelliteComparison(NamedTuple):
 
 
 class EventComparison(NamedTuple):
-    """A receiver's log beside the supervisor's history."""
+    """A receiver's log compared with the supervisor's history."""
 
     verdicts: EventVerdicts
     satellites: SatelliteComparison
@@ -112,7 +112,7 @@ def compare_events(
     sv_names: tuple[str, ...],
     tolerance_s: float = 1.0,
 ) -> EventComparison:
-    """Return whether each event is what the supervisor expects, and how long the receiver searched for nothing.
+    """Return whether each event agrees with the supervisor, and how long the receiver searched in vain.
 
     An event agrees if any of the supervisor's states within the tolerance expects it; otherwise the verdict is by the
     state at the time of the event. An event outside the supervisor's time is not covered.

@@ -46,7 +46,7 @@ _STEPS: Final = 101  # intervals that the usual one is the median of: some secon
 
 
 class _Decision(NamedTuple):
-    """One epoch and what was decided."""
+    """One epoch and its decisions."""
 
     view: Outlook
     seen: Int8
@@ -127,7 +127,7 @@ class LiveSupervision:
     def expect(
         self, t_ns: int, bank: Bank, imu: ImuSamples, parameters: npt.NDArray[Any], work: FilterWorkspace
     ) -> None:
-        """Take what a bank at the last sample at or before ``t_ns`` expects of an epoch at that time."""
+        """Take the prediction by a bank at the last sample at or before ``t_ns`` for an epoch at that time."""
         count, sample_ns = self._room.counts[0], int(bank.head[0].now_ns)
         count.rows = count.covariances = 0
         write_trace(bank, sample_ns, True, parameters[0], self._room, work.P_out, work.scratch)
@@ -183,7 +183,7 @@ class LiveSupervision:
         self._decided.append(_Decision(view, seen, result))
 
     def _end_predictions(self, now_ns: float) -> None:
-        """End every satellite's prediction where the filter has given none for long: it started anew."""
+        """End every satellite's prediction if the filter gave none for long: it restarted."""
         if self._decided_ns is None or now_ns - self._decided_ns <= longest_gap_ns(self._usual_ns):
             return
         if np.any(self._supervisor.state != ABSENT):

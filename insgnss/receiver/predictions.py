@@ -1,4 +1,4 @@
-"""What the filter expects of every satellite above the horizon, tracked or hidden: the supervisor's predictions.
+"""The supervisor's predictions: the filter's prediction of every satellite above the horizon, tracked or hidden.
 
 D is the filter's own: the rows of H of pseudorange and range rate about the covariance that the trace holds, the
 receiver's clock in, neither the satellite's error nor any measurement noise in it:
@@ -185,7 +185,7 @@ def _newest(trace: Trace, covariances: Covariances) -> tuple[Int64, Float64]:
 
 
 def _white_noise(aiding: AidingSetup, age_s: Float64, lag_s: Float64) -> tuple[Float64, Float64]:
-    """Return what white noise of clock and accelerometer adds to the variances of range [m^2] and rate [m^2/s^2].
+    """Return the white clock and accelerometer noise in the variances of range [m^2] and rate [m^2/s^2].
 
     Equation: S_bias t + (S_drift + S_accel) t^3 / 3, t since the covariance; (S_drift + S_accel) t, t since the row,
     as the sigma of a row has it in already.
@@ -221,7 +221,7 @@ def _sight(
 def _decisions(
     setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float64, memory: Int8
 ) -> tuple[Int8, Float64]:
-    """Return what antennas and mask decide of every satellite (n, m), and the gain (n, m, 2).
+    """Return the decisions of antennas and mask on every satellite (n, m), and the gain (n, m, 2).
 
     ``memory`` (m,) is what the antennas decided before, and is carried on.
 
@@ -237,7 +237,7 @@ def _decisions(
         look_at_all(C_nb, P_b, u_n, antennas, limits, looks)
         decision, memory[:] = looks.decision[1:], looks.decision[-1]
         if limits.uncertain == HIDE:
-            # a receiver that goes on measuring a hidden satellite is no witness against its being hidden
+            # a receiver that keeps measuring a hidden satellite does not prove it visible
             decision[decision == UNCERTAIN_HIDDEN] = HIDDEN
     else:
         gain[~known] = np.nan

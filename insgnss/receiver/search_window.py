@@ -15,7 +15,7 @@ from insgnss.tables import Float64
 
 
 class SignalScale(NamedTuple):
-    """What turns metres into chips and metres per second into hertz; arrays of one entry a satellite, or numbers."""
+    """Factors from metres to chips and from m/s to hertz; arrays of one entry a satellite, or numbers."""
 
     chip_m: npt.ArrayLike
     wavelength_m: npt.ArrayLike
@@ -23,14 +23,14 @@ class SignalScale(NamedTuple):
 
 
 class SearchWindow(NamedTuple):
-    """How a signal at a predicted place is looked for; arrays of one shape."""
+    """The search for a signal at a predicted place; arrays of one shape."""
 
     sigma_delay_m: Float64  # sqrt(D) of the delay
     sigma_doppler_hz: Float64  # sqrt(D) of the rate over the wavelength
     within_aperture: npt.NDArray[np.bool_]  # the loops may be closed at the predicted place
     accumulation_s: Float64  # of one cell; inf where no allowed accumulation suffices
     delay_cells: Float64  # whole numbers; NaN where there is no prediction
-    doppler_bins: Float64  # NaN where there is no prediction, or no accumulation that suffices
+    doppler_bins: Float64  # NaN where there is no prediction, or without a sufficient accumulation
     search_s: Float64  # over all cells, once; inf where no accumulation suffices
 
 

@@ -23,7 +23,7 @@ class Sightings(NamedTuple):
 
 
 def sightings_of(gnss: GnssTable) -> Sightings:
-    """Return what a receiver saw; a row without a pseudorange is no sighting, but its epoch counts."""
+    """Return the receiver's sightings; a row without a pseudorange is not a sighting, but its epoch counts."""
     epoch_ns, epoch = np.unique(gnss.t_ns, return_inverse=True)
     seen = np.zeros((len(epoch_ns), len(gnss.sv_names)), np.bool_)
     has_range = np.isfinite(gnss.pseudorange_m)
@@ -37,7 +37,7 @@ def presence(
     """Return (n, m) PRESENT or MISSING by the newest epoch not later than each time.
 
     NOT_KNOWN where there is none, or where it is older than one and a half of the log's usual intervals. A satellite
-    that never stands in the log is MISSING.
+    that is never in the log is MISSING.
 
     Parameters
     ----------

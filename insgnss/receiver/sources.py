@@ -1,4 +1,4 @@
-"""What the supervision of a replay rests on beside the filter's trace: taken from the logs before the filter runs."""
+"""The inputs of a replay's supervision besides the filter's trace, taken from the logs before the filter runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LATEST_SAMPLE_NS: Final = NS_PER_S // 10
 
 @dataclass(frozen=True)
 class SupervisionSources:
-    """The setup of a supervision, its satellites, what the receiver saw, and when it is to be looked at."""
+    """The setup of a supervision, its satellites, the receiver's sightings, and the times to evaluate."""
 
     setup: SupervisionSetup
     satellites: AidingSources
@@ -37,7 +37,7 @@ class SupervisionSources:
     receiver_log: ReceiverEvents | None = None
 
     def run(self, found: FilterTrace, week: int) -> SupervisedRun:
-        """Return the tables, from what the filter left behind at ``samples_ns``."""
+        """Return the tables, from the filter's trace at ``samples_ns``."""
         own = at_times(found, self.samples_ns)
         t_ns = own.trace.t_ns
         first, last = (int(t_ns[0]), int(t_ns[-1])) if len(t_ns) else (int(self.samples_ns[0]),) * 2
@@ -49,7 +49,7 @@ class SupervisionSources:
 def supervision_sources(
     filter: FilterSetup, logs: FlightLogs, gnss: Gnss, week: int
 ) -> tuple[SupervisionSources, list[Event]]:
-    """Return what the supervision of a replay rests on, and what is worth telling of the files read for it.
+    """Return the inputs of a replay's supervision, and the events of the files read for it.
 
     The satellites are those of the constellations in the receiver's log, each on the signal that the filter's settings
     name for aiding; the times are the epochs of that log, and in its silences as many.
@@ -64,7 +64,7 @@ def supervision_sources(
     Raises
     ------
     NavigationDataError : nothing says where satellites are that the log does not hold
-    InputError and its kin : the log of the receiver's events cannot be used
+    InputError or a subclass : the log of the receiver's events cannot be used
     """
     seen = {name[0] for name in logs.gnss.sv_names}
     setup, satellites = setup_and_satellites(filter, seen, logs.navigation, logs.gnss.glonass_channels)

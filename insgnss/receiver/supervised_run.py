@@ -1,4 +1,4 @@
-"""The supervisor's tables: what it says of every satellite and epoch, each transition, and the time spent in search.
+"""The supervisor's tables: its decision for every satellite and epoch, each transition, and the time spent in search.
 
 | table           | one row for each | columns |
 |-----------------|------------------|---------|
@@ -41,12 +41,12 @@ from insgnss.tables import Float64, Int8, Int64
 
 RECEIVER_NAMES: Final = ("not_known", "missing", "present")  # presence + 1
 _GAP_INTERVALS: Final = 5.0  # usual intervals, and
-_GAP_S: Final = 2.0  # seconds without a prediction after which there is none
+_GAP_S: Final = 2.0  # seconds without a prediction after which none is valid
 
 
 @dataclass(frozen=True)
 class SupervisedRun:
-    """What ``supervise_run`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``supervise_run``. Tables are DataFrames, the module's text has their columns."""
 
     supervision: pd.DataFrame
     transitions: pd.DataFrame
@@ -61,9 +61,9 @@ def supervise_run(
     week: int,
     receiver_log: ReceiverEvents | None = None,
 ) -> SupervisedRun:
-    """Return what a supervised receiver does about every satellite over a run.
+    """Return a supervised receiver's action for every satellite over a run.
 
-    Where the filter left no prediction for long (it started anew) every satellite's prediction ends.
+    If the filter gave no prediction for long (a restart), every satellite's prediction ends.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The search supervisor: what a receiver should do about every satellite, told by the attitude and the filter.
+"""The search supervisor: what a receiver should do for every satellite, based on attitude and filter.
 
 ``supervise`` takes whole histories, ``Supervisor`` epoch after epoch; both run the same compiled rules
 (``tracking_rules.advance``) on the same vectorised windows, so both give the same bits.
@@ -45,7 +45,7 @@ _LONGEST_NS: Final = 2**60  # 36 years: what takes longer never ends
 
 
 class Predictions(NamedTuple):
-    """What filter and visibility stage say of each satellite at each epoch: n epochs, m satellites.
+    """The filter's and visibility stage's output for each satellite at each epoch: n epochs, m satellites.
 
     A satellite without a prediction at an epoch has UNDECIDED, or NaN in C/N0 or in either variance.
     """
@@ -67,7 +67,7 @@ class Transitions(NamedTuple):
     before: Int8  # states
     after: Int8
     reason: Int8
-    delay_m: Float64  # NaN, as all that follows, where there is no prediction
+    delay_m: Float64  # NaN without a prediction, as are the following fields
     doppler_hz: Float64  # RINEX sign
     sigma_delay_m: Float64
     sigma_doppler_hz: Float64
@@ -89,7 +89,7 @@ class Totals(NamedTuple):
 
 
 class Supervision(NamedTuple):
-    """What the supervisor says of a whole history."""
+    """The supervisor's decisions on a whole history."""
 
     state: Int8  # (n, m)
     transitions: Transitions
@@ -173,7 +173,7 @@ def supervise(
     settings: Search | None = None,
     scale: SignalScale | None = None,
 ) -> Supervision:
-    """Return what a supervised receiver does over a whole history, and what an unsupervised one would have searched.
+    """Return a supervised receiver's actions over a whole history, and the search of an unsupervised one.
 
     Where ``present`` is not given, a visible signal is there and a detection succeeds; otherwise it decides.
 
@@ -224,7 +224,7 @@ def _ns(seconds: float) -> int:
 
 
 def _view(predicted: Predictions, window: SearchWindow, present: Int8) -> View:
-    """Return the inputs of the compiled rules; what lacks any part of its prediction is UNDECIDED."""
+    """Return the inputs of the compiled rules; an entry without a complete prediction is UNDECIDED."""
     known = ~(
         np.isnan(predicted.cn0_dbhz) | np.isnan(window.sigma_delay_m) | np.isnan(window.sigma_doppler_hz)
     )
@@ -296,7 +296,7 @@ def _check(predicted: Predictions, satellites: int, last_ns: int | None) -> None
             getattr(predicted, name) < 0.0, name, "a variance is negative", "D = h P h^T is never negative"
         )
     known = (predicted.decision >= UNDECIDED) & (predicted.decision <= UNCERTAIN_VISIBLE)
-    _refuse(~known, "decision", "this is no decision", "take those of insgnss.antenna.visibility")
+    _refuse(~known, "decision", "unknown decision", "take those of insgnss.antenna.visibility")
 
 
 def _checked_presence(present: npt.ArrayLike | None, shape: tuple[int, ...]) -> Int8:
@@ -310,7 +310,7 @@ def _checked_presence(present: npt.ArrayLike | None, shape: tuple[int, ...]) -> 
             advice="give one row an epoch and one column a satellite",
         )
     unknown = ~np.isin(given, (NOT_KNOWN, MISSING, PRESENT))
-    _refuse(unknown, "present", "this is no presence", "give 1 (seen), 0 (not seen) or -1 (not known)")
+    _refuse(unknown, "present", "unknown value of presence", "give 1 (seen), 0 (not seen) or -1 (not known)")
     return np.ascontiguousarray(given, np.int8)
 
 

@@ -1,4 +1,4 @@
-"""The rules of the search supervisor, compiled: what leads a satellite's channel from one state to the next.
+"""The rules of the search supervisor, compiled: the transitions of a satellite's channel.
 
     track --hidden--> hold --visible again--> control_detection --detected--> resume --pulled in--> track
                                                  |  failed                      ^
@@ -81,7 +81,7 @@ def advance(
 def _sight(view: View, k: int, s: int, rules: Rules, memory: Record) -> int:
     """Return UNDECIDED, HIDDEN, UNCERTAIN_HIDDEN or VISIBLE: the stage's decision, and the threshold on C/N0.
 
-    What is uncertain counts as it was decided before; but a signal that the receiver sees is no longer hidden by an
+    What is uncertain counts as it was decided before; but a received signal is no longer hidden by an
     uncertain decision, and one that was hidden needs the hysteresis more to return.
     """
     sight = int(view.decision[k, s])
@@ -214,7 +214,7 @@ def _from_track(
 
 @kernel(inline=True)
 def _from_waiting(t: int, rules: Rules, memory: Record) -> tuple[int, int]:
-    """Try a held satellite when it is visible again, one that was given up then too, and now and again."""
+    """Retry held and abandoned satellites when they become visible; retry abandoned ones periodically."""
     after, reason = TRY, NONE
     seen, since = memory["seen_since_ns"], memory["since_ns"]
     if _held(t, seen, rules.rise_ns):

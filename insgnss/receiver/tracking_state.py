@@ -1,4 +1,4 @@
-"""The states of a satellite's tracking channel as the supervisor sees it, and what it remembers of each satellite.
+"""The states of a satellite's tracking channel as the supervisor sees it, and its memory of each satellite.
 
 The rules that lead from state to state are in ``tracking_rules``. Times are integer nanoseconds, so that sums of them
 have no rounding.
@@ -91,7 +91,7 @@ class Rules(NamedTuple):
 
 
 class View(NamedTuple):
-    """What is known of each satellite at each epoch, (n, m)."""
+    """The inputs on each satellite at each epoch, (n, m)."""
 
     decision: Int8  # UNDECIDED (no prediction), HIDDEN, VISIBLE, ... of ``insgnss.antenna.visibility``
     cn0_dbhz: Float64

@@ -1,4 +1,4 @@
-"""What people look at: the page of a run, comparisons of runs, files for maps, figures for papers.
+"""Reports: the page of a run, comparisons of runs, files for maps, figures for papers.
 
 ::
 

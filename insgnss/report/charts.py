@@ -17,7 +17,7 @@ from insgnss.report.thinning import breaks, envelope, line
 from insgnss.tables import Float64
 
 LINE_POINTS: Final = 1200  # of a line: more than one to each pixel
-# Okabe and Ito's colours, which the colour-blind tell apart; read on white and on black
+# Okabe and Ito's colours, which the colour-blind can distinguish; read on white and on black
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c8c8c", "#b8a800")
 BAND_SIGMAS: Final = 3.0
 _SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -31,7 +31,7 @@ Trace = dict[str, Any]
 
 @dataclass(frozen=True)
 class Chart:
-    """One drawing of the page, with what is said below it."""
+    """One drawing of the page, with its caption."""
 
     name: str  # letters, digits and dashes: the place on the page
     title: str
@@ -43,7 +43,7 @@ class Chart:
     on_request: str = ""  # words of a fold that it is drawn in once the reader opens it: what needs a network
 
     def data(self) -> dict[str, Any]:
-        """Return what the page's script draws."""
+        """Return the data for the page's script."""
         drawn = {"data": self.traces, "layout": dict(self.layout)}
         return {"name": self.name, "title": self.title, "linked": self.linked, **drawn}
 
@@ -94,7 +94,7 @@ class ChartRows:
         return Chart(name, title, self.traces, self.layout(**layout), height, caption, linked=True)
 
 
-# plain seconds, as they stand in the tables: 293800, not 293.8k
+# plain seconds, as in the tables: 293800, not 293.8k
 TIME_AXIS: Final[Trace] = {"title": {"text": "time, s of the GPS week"}, "tickformat": "d"}
 
 
@@ -110,7 +110,7 @@ def packed(values: npt.ArrayLike, double: bool = False) -> dict[str, Any]:
 
 
 def unpacked(values: Mapping[str, Any]) -> Float64:
-    """Return what ``packed`` was given, to the precision that was kept."""
+    """Return the input of ``packed``, to the precision kept."""
     return np.frombuffer(base64.b64decode(values["bdata"]), "<" + values["dtype"]).astype(np.float64)
 
 
@@ -184,7 +184,7 @@ def band_trace(
 
 
 def marker_trace(time_s: Float64, values: Float64, name: str, colour: str, **more: Any) -> Trace:
-    """Return points over time, all that are given."""
+    """Return points over time, without thinning."""
     marker = {"color": colour, "size": 3} | more.pop("marker", {})
     return {
         "type": "scatter",
@@ -198,16 +198,16 @@ def marker_trace(time_s: Float64, values: Float64, name: str, colour: str, **mor
 
 
 def translucent(colour: str, opacity: float) -> str:
-    """Return '#rrggbb' as a colour that lets shine through what is behind it."""
+    """Return '#rrggbb' as a translucent colour."""
     red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
 def colour_of(place: int) -> str:
-    """Return the colour of a place in a list, no two alike: the palette's, then hues spread about the circle."""
+    """Return the colour of a place in a list, all different: the palette's, then hues spread about the circle."""
     if place < len(PALETTE):
         return PALETTE[place]
-    # the golden ratio spreads any number of hues evenly; light and dark in turn tells neighbours apart
+    # the golden ratio spreads any number of hues evenly; light and dark in turn separate neighbours
     turn = place - len(PALETTE)
     hue, light = (0.07 + 0.6180339887498949 * turn) % 1.0, (0.42, 0.6, 0.5)[turn % 3]
     rgb = colorsys.hls_to_rgb(hue, light, 0.62)

@@ -1,4 +1,4 @@
-"""Runs against each other: what a setting, a mask or a smoother changed, over time and in numbers."""
+"""Comparison of runs: the effect of a setting, a mask or a smoother, over time and in numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names
 
 @dataclass(frozen=True, repr=False)
 class Comparison(ResultDisplay):
-    """Runs, and what each differs in from the first."""
+    """Runs, and the difference of each from the first."""
 
     runs: Mapping[str, Run]  # the first is what the others are compared with
     differences: Mapping[str, pd.DataFrame]  # of each other: time_s and d_n_m ... d_yaw_deg, run minus first
@@ -66,12 +66,12 @@ class Comparison(ResultDisplay):
 
 
 def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
-    """Return what each run differs in from the first: ``compare(first, second)``, or ``compare(gps=a, all=b)``.
+    """Return the difference of each run from the first: ``compare(first, second)``, or ``compare(gps=a, all=b)``.
 
     Parameters
     ----------
     runs : runs or their folders; each is called by its folder, or by its filter
-    named : runs or their folders, by what they are to be called
+    named : runs or their folders, by the names to use
 
     Raises
     ------
@@ -81,12 +81,12 @@ def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
     names = [name if called.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(called, 1)]
     given = [*zip(names, runs, strict=True), *named.items()]
     if len(dict(given)) < len(given):
-        raise ResultError("two runs have one name", advice="call them otherwise, as in compare(gps=a, all=b)")
+        raise ResultError("two runs have the same name", advice="name them apart, as compare(gps=a, all=b)")
     return compare_runs({name: run if isinstance(run, Run) else Run.load(run) for name, run in given})
 
 
 def _called(run: Run | str | Path) -> str:
-    """Return what a run is called that nobody gave a name: its folder, or its filter."""
+    """Return the default name of a run: its folder, or its filter."""
     if not isinstance(run, Run):
         return Path(run).resolve().name
     filter_ = dict(run.settings.get("filter") or {}).get("name") or "run"
@@ -94,7 +94,7 @@ def _called(run: Run | str | Path) -> str:
 
 
 def compare_runs(runs: Mapping[str, Run]) -> Comparison:
-    """Return what each run differs in from the first, at its own navigation rows inside the first's time.
+    """Return the difference of each run from the first, at its own navigation rows inside the first's time.
 
     Parameters
     ----------

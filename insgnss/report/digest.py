@@ -13,7 +13,7 @@ from insgnss.runs.result import Run
 
 
 def digest(run: Run) -> dict[str, Any]:
-    """Return the run's summary as plain numbers and words, for a script: what ``--json`` prints; None where unknown."""
+    """Return the run's summary as plain numbers and words, as ``--json`` prints it; None where unknown."""
     nav, used = run.nav, used_at(run, run.nav["time_s"].to_numpy())
     counts = run.status_counts()
     reference = run.errors is not None and not run.errors.empty

@@ -47,6 +47,6 @@ def used_at(run: Run, time_s: Float64) -> Float64:
     epochs, count = satellites_used(run)
     if len(epochs) == 0:
         return np.zeros(len(time_s))
-    # a row of the navigation table stands at its epoch to the nanosecond, but seconds of the week round
+    # a row of the navigation table is at its epoch to the nanosecond, but seconds of the week round
     latest = np.searchsorted(epochs, time_s + 1e-6, side="right") - 1
     return np.where(latest >= 0, count[np.maximum(latest, 0)], 0).astype(np.float64)

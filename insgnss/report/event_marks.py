@@ -1,4 +1,4 @@
-"""The events on every chart over time: a line across it, and a mark at its top edge that tells what it was."""
+"""The events on every chart over time: a line across it, and a mark at its top edge that names it."""
 
 from __future__ import annotations
 

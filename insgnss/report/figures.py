@@ -116,7 +116,7 @@ def errors(run: Run, group: str = "position") -> Figure:
     """
     columns = {name: names for name, _, names in SIGMA_GROUPS}.get(group)
     if columns is None:
-        raise ConfigError(f"'{group}' is no group of errors", advice="write position, velocity or attitude")
+        raise ConfigError(f"unknown group of errors '{group}'", advice="write position, velocity or attitude")
     if run.errors is None or run.errors.empty:
         raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
     table = run.errors
@@ -163,7 +163,7 @@ def innovations(run: Run, kind: str = "pseudorange") -> Figure:
 
 @_styled
 def satellites(run: Run) -> Figure:
-    """Return a line per satellite over time, coloured by what became of it.
+    """Return a line per satellite over time, coloured by its status.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def save(figure: Figure, path: str | Path) -> Path:
         ) from error
     except ValueError as error:
         raise ConfigError(
-            f"'{path.suffix}' is no form of a figure: {error}", advice="write .pdf or .svg"
+            f"unsupported figure format '{path.suffix}': {error}", advice="write .pdf or .svg"
         ) from error
     return path
 

@@ -1,4 +1,4 @@
-"""A run as GeoJSON (RFC 7946): the track as one line, its times and sigma beside it, events as points."""
+"""A run as GeoJSON (RFC 7946): the track as one line, with its times and sigmas, events as points."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def page(
 
     Parameters
     ----------
-    title, sections, foot : what the page shows
+    title, sections, foot : the content of the page
     utc_origin_ms : Unix time of time 0 of the charts; with it a button switches their time axes to UTC
     about : what a picture that is saved from the page carries above it; the title when left out
     """

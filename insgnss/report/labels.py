@@ -10,7 +10,7 @@ from insgnss.runs.columns.sheet import UNITS
 
 
 class Label(NamedTuple):
-    """What an axis or a table's head says."""
+    """The label of an axis or a table's head."""
 
     words: str
     unit: str  # "" without one
@@ -60,7 +60,7 @@ def duration(seconds: float) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with three figures that count, '-' for what is none."""
+    """Return a number with three figures that count, '-' for a missing one."""
     if value != value:
         return "-"
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

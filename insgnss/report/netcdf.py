@@ -86,6 +86,6 @@ def as_dataset(run: Run) -> xr.Dataset:
 
 
 def _about(name: str) -> dict[str, str]:
-    """Return a variable's attributes: what it is called, its unit, the standard name where it has one."""
+    """Return a variable's attributes: its long name, its unit, the standard name where it has one."""
     unit = unit_of(name)
     return {"long_name": label(name).words, "units": _UNITS.get(unit, unit or "1"), **_CF.get(name, {})}

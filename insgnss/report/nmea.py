@@ -30,7 +30,7 @@ def as_nmea(run: Run) -> bytes:
 
 
 def _with_checksum(bodies: list[str]) -> list[str]:
-    """Return sentences from what stands between $ and *: the checksum is the exclusive or of its bytes."""
+    """Return sentences from the text between $ and *: the checksum is the exclusive or of its bytes."""
     table = np.array([text.encode("ascii") for text in bodies])
     letters = table.view(np.uint8).reshape(len(bodies), -1)  # filled up by zeros, which change nothing
     sums = np.bitwise_xor.reduce(letters, axis=1).tolist()

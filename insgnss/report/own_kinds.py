@@ -10,12 +10,12 @@ from insgnss.runs.result import Run
 
 
 def own_kinds(run: Run) -> dict[str, Mapping[str, Any]]:
-    """Return what the settings say of the user's own measurements, by name."""
+    """Return the settings of the user's own measurements, by name."""
     entries = run.settings.get("measurements") or []
     return {str(entry["name"]): entry for entry in entries if isinstance(entry, Mapping) and "name" in entry}
 
 
 def unit_of(run: Run, kind: str) -> str:
-    """Return the unit of a kind's innovations, '-' where none is told."""
+    """Return the unit of a kind's innovations, '-' if none is stated."""
     own = own_kinds(run).get(kind, {})
     return KIND_UNITS.get(kind) or str(own.get("unit") or "-")

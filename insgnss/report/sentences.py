@@ -1,4 +1,4 @@
-"""A run in plain sentences: how long, how good, what went wrong, when the heading became known."""
+"""A run in plain sentences: duration, accuracy, faults, when the heading became known."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from insgnss.runs.agreement import heading_of, times_their_sigma
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
-# kinds of events that tell how the run went, and are no trouble; of the readers' notices only these are let pass
+# kinds of events that report normal operation; of the readers' notices only these count as normal
 QUIET: Final = frozenset(
     "start heading_single heading_known measurements_back masking_on masking_waits masking_uncertain csv_delimiter "
     "csv_encoding csv_header_in_comment leap_seconds_by_date navigation_not_used navigation_repeated signal_assumed "
@@ -24,7 +24,7 @@ QUIET: Final = frozenset(
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
 _KINDS_TOLD: Final = 8
-_CONSTANT: Final = 5.0  # times the scatter about it, from which an offset is told apart
+_CONSTANT: Final = 5.0  # times the scatter about it, above which an offset is reported separately
 _ENOUGH: Final = 10  # rows, below which nothing can be called constant
 
 
@@ -71,7 +71,7 @@ def _position_figure(run: Run) -> tuple[str, str, str]:
             f"95 % of the time{less}",
         )
     sigma = np.hypot(table["sd_n_m"].to_numpy(), table["sd_e_m"].to_numpy())
-    return ("Horizontal sigma", f"{number(float(np.nanmedian(sigma)))} m", "median; there is no reference")
+    return ("Horizontal sigma", f"{number(float(np.nanmedian(sigma)))} m", "median; no reference")
 
 
 def way_m(nav: pd.DataFrame) -> float:
@@ -87,7 +87,7 @@ def name_of(run: Run) -> str:
 
 
 def name_and_utc(run: Run) -> str:
-    """Return the flight's and the filter's name and the run's time in UTC: what a picture carries."""
+    """Return the flight's and the filter's name and the run's time in UTC, for a picture."""
     first, last = float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
     try:
         week = gps_week(run)
@@ -132,14 +132,14 @@ def _how_good(run: Run) -> list[str]:
         nav = run.nav if known_s is None else run.nav[run.nav["time_s"] >= known_s]
         horizontal = float(np.nanmedian(np.hypot(nav["sd_n_m"].to_numpy(), nav["sd_e_m"].to_numpy())))
         return [
-            f"There is no reference: by its own account the position is good to {number(horizontal)} m"
+            f"No reference. By the filter's own sigma the position is good to {number(horizontal)} m"
             f" horizontally and {number(float(nav['sd_d_m'].median()))} m vertically (median sigma),"
             f" the heading to {number(float(nav['sd_yaw_deg'].median()))}°.",
             *_slow(nav),
         ]
     errors = run.errors if known_s is None else run.errors[run.errors["time_s"] >= known_s]
     errors = run.errors if errors.empty else errors
-    since = "" if known_s is None or errors is run.errors else ", from the heading known on"
+    since = "" if known_s is None or errors is run.errors else ", from the time the heading was known"
     if errors["d_n_m"].notna().sum() == 0:
         return []
     offset = constant_offset(errors)
@@ -150,14 +150,14 @@ def _how_good(run: Run) -> list[str]:
     sides = zip(offset.values(), (("north", "south"), ("east", "west"), ("down", "up")), strict=True)
     told_offset = ", ".join(f"{number(abs(value))} m {words[value < 0.0]}" for value, words in sides)
     told.append(
-        f"Nearly all of it is one constant offset, {told_offset}: the reference may be of another point or datum, or"
-        f" either has errors that last for minutes. About it {_within(about)}."
+        f"Nearly all of it is one constant offset, {told_offset}: the reference may refer to another point or datum, or"
+        f" either has errors that last for minutes. Without this offset {_within(about)}."
     )
     return [*told, _honesty(about), *_slow(errors)]
 
 
 def _slow(table: pd.DataFrame) -> list[str]:
-    """Return how large the errors are that stay alike for minutes, nothing for a run that does not tell."""
+    """Return the size of the slowly varying errors, nothing for a run without them."""
     if "sd_slow_n_m" not in table or table["sd_slow_n_m"].isna().all():
         return []
     horizontal = float(
@@ -166,14 +166,14 @@ def _slow(table: pd.DataFrame) -> list[str]:
     if not horizontal > 0.0:
         return []
     return [
-        "Orbits, clocks and what the models leave of the air stay alike for minutes and come on top: about"
+        "Slowly varying errors (orbits, clocks, residual atmosphere) may add about"
         f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically"
-        " (one sigma)."
+        " (1 sigma)."
     ]
 
 
 def constant_offset(errors: pd.DataFrame) -> dict[str, float] | None:
-    """Return the median error of the position where it is five times what it varies by, else None [m]."""
+    """Return the median error of the position where it is five times its variation, else None [m]."""
     position = errors[["d_n_m", "d_e_m", "d_d_m"]].dropna()
     median = position.median()
     rest = float(np.sqrt(((position - median) ** 2).sum(axis=1).mean()))
@@ -188,8 +188,8 @@ def _within(errors: pd.DataFrame) -> str:
     half, most, worst = np.quantile(horizontal[np.isfinite(horizontal)], (0.5, 0.95, 1.0))
     vertical = float(errors["d_d_m"].abs().quantile(0.95))
     return (
-        f"the horizontal position is within {number(half)} m half of the time, {number(most)} m 95 % of it,"
-        f" {number(worst)} m at worst; the height within {number(vertical)} m 95 % of the time"
+        f"the horizontal position is within {number(half)} m (50 %), {number(most)} m (95 %),"
+        f" {number(worst)} m at worst; the height is within {number(vertical)} m (95 %)"
     )
 
 
@@ -207,9 +207,7 @@ def _heading(run: Run) -> str:
     heading, first = heading_of(run), float(run.nav["time_s"].iloc[0])
     if heading.known_s is None:
         best = number(heading.smallest_deg)
-        return (
-            f"The heading never became known: its sigma was {best}° at best. Turns or accelerations show it."
-        )
+        return f"The heading never became known: its sigma was {best}° at best. Turns or accelerations reveal it."
     lost = f"; it was lost again: its sigma ended at {number(heading.last_deg)}°" if heading.is_lost else ""
     if heading.given:
         return f"The heading was given at the start{lost or f'; its sigma ended at {number(heading.last_deg)}°'}."
@@ -224,7 +222,7 @@ def _satellites(run: Run) -> str:
     seconds = float(np.diff(time_s)[few[:-1]].sum())
     lack = "never fewer than four" if not few.any() else f"fewer than four for {duration(seconds)}"
     span = f"{used.min():.0f} to {used.max():.0f}"
-    return f"{span} satellites were used at an epoch, {used.mean():.1f} in the mean, {lack}."
+    return f"{span} satellites were used per epoch, {used.mean():.1f} on average, {lack}."
 
 
 def _measurements(run: Run) -> str:
@@ -247,11 +245,11 @@ def _consistency(run: Run) -> list[str]:
 
 
 def _trouble(run: Run) -> str:
-    """Return what the events tell of trouble, the most frequent kind first."""
+    """Return the events that report trouble, the most frequent kind first."""
     counts = run.events["kind"].value_counts()
     found = {str(kind): int(n) for kind, n in counts.items() if kind not in QUIET}
     if not found:
-        return "Nothing went wrong that the events tell of: no gaps, no resets, no jumps."
+        return "No gaps, resets or clock jumps."
     kinds = [f"{kind.replace('_', ' ')} ({n})" for kind, n in list(found.items())[:_KINDS_TOLD]]
     more = f" and {len(found) - _KINDS_TOLD} further kinds" if len(found) > _KINDS_TOLD else ""
     return f"Worth a look in the events: {', '.join(kinds)}{more}."

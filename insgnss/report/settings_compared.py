@@ -1,4 +1,4 @@
-"""What was set otherwise: the settings in which runs differ, key by key."""
+"""Differing settings: the settings in which runs differ, key by key."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from insgnss.runs.result import Run
 
-_NOT_SETTINGS: Final = ("made", "took")  # of no two runs alike
+_NOT_SETTINGS: Final = ("made", "took")  # different in every run
 _ABSENT: Final = "-"
 
 

@@ -1,4 +1,4 @@
-"""What a receiver would report at each row of a run: date, satellites, quality, dilution."""
+"""A receiver's report at each row of a run: date, satellites, quality, dilution."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NavSolution:
 
 
 def solution(run: Run) -> NavSolution:
-    """Return what a receiver would report.
+    """Return the report of a receiver.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def solution(run: Run) -> NavSolution:
     epochs, count = satellites_used(run)
     if len(epochs) == 0:
         epochs, count = np.array([-np.inf]), np.array([0])
-    # a row stands at its epoch to the nanosecond, but seconds of the week round
+    # a row is at its epoch to the nanosecond, but seconds of the week round
     latest = np.maximum(np.searchsorted(epochs, time_s + 1e-6, side="right") - 1, 0)
     usual_s = float(np.median(np.diff(epochs))) if len(epochs) > 1 else np.inf
     age_s = time_s - epochs[latest]

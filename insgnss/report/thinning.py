@@ -16,7 +16,7 @@ def envelope(values: npt.ArrayLike, at_most: int) -> Int64:
     """Return the indices, in order, of at most ``at_most`` rows that keep the envelope of every column.
 
     The rows are cut into equal pieces; of each piece the rows with the smallest and the largest value of each column
-    stay, and the first and the last row of all. Values that are no numbers are never chosen for their size.
+    stay, and the first and the last row of all. Values that are not numbers are never chosen for their size.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def breaks(time_s: Float64, values: Float64, period: float | None = None) -> Int
     ----------
     time_s : (n,)
     values : (n,)
-    period : of an angle, in the unit of ``values``; None for what is no angle
+    period : of an angle, in the unit of ``values``; None for other quantities
     """
     step = np.diff(time_s)
     if len(step) == 0:

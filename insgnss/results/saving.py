@@ -1,11 +1,11 @@
-"""How results reach the disk: all files of a save at once or none, and never over a file of somebody else.
+"""How results reach the disk: all files of a save at once or none, and never over a file of another program.
 
 A save writes its files into a hidden folder beside their place. When the last one is whole, one renaming declares the
 save done; then the files are moved to their names. A program killed before the renaming leaves the old files, one
-killed after it leaves the new ones: whoever reads or saves there next finishes the moves (``settle``).
+killed after it leaves the new ones: the next process that reads or saves there finishes the moves (``settle``).
 
 ``.insgnss.json`` in the folder names the files that this program wrote, as what, and their SHA-256. Only such a file is
-replaced without ``force``, only by a save of the same kind, and only if nobody has changed it since.
+replaced without ``force``, only by a save of the same kind, and only if it has not changed since.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _Save:
 
 @dataclass(frozen=True)
 class _Permission:
-    """What may be replaced: everything where ``force`` is set, but never what is read."""
+    """The files that may be replaced: all with ``force``, but never inputs."""
 
     force: bool = False
     inputs: frozenset[str] = frozenset()
@@ -62,7 +62,7 @@ _open_saves: Final = ContextVar("open_saves", default=_NO_SAVES)
 
 @contextmanager
 def overwriting(force: bool = True, inputs: Iterable[Path] = ()) -> Iterator[None]:
-    """Let the saves of this block replace files of somebody else, except ``inputs``, which are never replaced."""
+    """Let the saves of this block replace files of other programs, except ``inputs``, which are never replaced."""
     before = _permission.get()
     read = before.inputs | {os.path.realpath(path) for path in inputs}
     token = _permission.set(_Permission(force or before.force, read))
@@ -85,7 +85,7 @@ def saving(folder: Path, names: Iterable[str], kind: str) -> Iterator[Path]:
 
     Raises
     ------
-    ResultError : a file stands there that may not be replaced
+    ResultError : there is a file that may not be replaced
     OSError : the folder cannot be written; the old files are as they were
     """
     kinds = dict.fromkeys(names, kind)
@@ -117,7 +117,7 @@ def saving_file(path: Path, kind: str) -> Iterator[Path]:
 
     Raises
     ------
-    ResultError : a file stands there that may not be replaced
+    ResultError : there is a file that may not be replaced
     OSError : it cannot be written
     """
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -132,7 +132,7 @@ def write_file(path: Path, content: bytes, kind: str) -> None:
 
     Raises
     ------
-    ResultError : a file stands there that may not be replaced
+    ResultError : there is a file that may not be replaced
     OSError : it cannot be written
     """
     with saving_file(path, kind) as place:
@@ -144,7 +144,7 @@ def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:
 
     Raises
     ------
-    ResultError : a file stands there that this program did not write, or wrote as something else, that was changed
+    ResultError : there is a file that this program did not write, or wrote as something else, that was changed
         since, or that is an input
     """
     settle(folder)
@@ -155,7 +155,7 @@ def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:
         if not os.path.lexists(path):
             continue
         if path.is_dir():
-            raise ResultError("a folder stands where a file would be written", file=path, advice=_MOVE_IT)
+            raise ResultError("there is a folder in place of the file to write", file=path, advice=_MOVE_IT)
         if os.path.realpath(path) in permission.inputs:
             raise ResultError(f"the {kind} would replace an input", file=path, advice="give another --output")
         if permission.force:
@@ -199,7 +199,7 @@ def settle(folder: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path, *, shared: bool = False) -> Iterator[None]:
-    """Let one process at a time move files in a folder, or several read them; Windows goes without."""
+    """Let one process at a time move files in a folder, or several read them; not on Windows."""
     if sys.platform == "win32":
         yield
         return
@@ -238,7 +238,7 @@ def _settle(folder: Path) -> None:
 
 
 def _told(record: Any) -> tuple[_Entries, list[str]]:
-    """Return what a pending save wrote and removes: names in its folder, no paths that lead out of it."""
+    """Return the files that a pending save wrote and removes: names in its folder, no paths that lead out of it."""
     wrote, removed = dict(record["wrote"]), list(record["removed"])
     strange = [name for name in (*wrote, *removed) if not isinstance(name, str) or Path(name).name != name]
     if strange:
@@ -278,7 +278,7 @@ def _commit(save: _Save, folder: Path, kind: str) -> None:
 
 
 def _entries(folder: Path) -> _Entries:
-    """Return what is known of the files in a folder; a record that cannot be read knows nothing."""
+    """Return the record of the files in a folder; an unreadable record is empty."""
     try:
         told: Any = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -288,14 +288,14 @@ def _entries(folder: Path) -> _Entries:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what saves of processes of this machine left that are no more."""
+    """Remove the files that ended processes of this machine left behind."""
     for path in folder.glob(f"{_NEW}{_HOST}-*"):
         if not _is_running(path.name.removeprefix(f"{_NEW}{_HOST}-").partition("-")[0]):
             shutil.rmtree(path, ignore_errors=True)
 
 
 def _is_running(process: str) -> bool:
-    """Return whether a process exists; True where the system does not tell without ending it."""
+    """Return whether a process exists; True if the system cannot say so without ending it."""
     if os.name != "posix" or not process.isdigit():
         return True
     try:

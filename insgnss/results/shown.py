@@ -1,4 +1,4 @@
-"""How a result shows itself: one line in a terminal, and in Jupyter what it holds with the first rows of each table."""
+"""How a result shows itself: one line in a terminal, and in Jupyter its content with the first rows of each table."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _PLAIN: Final = (str, int, float, bool, Path)
 
 
 class ResultDisplay:
-    """A dataclass that says in one line what it is; ``_about`` gives the sentences, the tables are found."""
+    """A dataclass with a one-line summary; ``_about`` gives the sentences, the tables are found."""
 
     def _about(self) -> Iterator[str]:
-        """Yield what the result is, in a few words each: by default its plain values."""
+        """Yield the result's properties, in a few words each: by default its plain values."""
         for name, value in _values(self):
             if isinstance(value, Mapping):
                 yield from (f"{key}={told!r}" for key, told in value.items() if isinstance(told, _PLAIN))
@@ -26,7 +26,7 @@ class ResultDisplay:
                 yield f"{name}={str(value) if isinstance(value, Path) else value!r}"
 
     def _sentences(self) -> Iterator[str]:
-        """Yield what Jupyter shows above the tables."""
+        """Yield the lines that Jupyter shows above the tables."""
         yield from self._about()
 
     def _shown_tables(self) -> dict[str, pd.DataFrame]:

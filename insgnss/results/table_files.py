@@ -22,7 +22,7 @@ _PIECE_ROWS: Final = 1 << 17
 
 
 def pieces(table: pd.DataFrame) -> Iterator[pd.DataFrame]:
-    """Yield a table in pieces: what is made of all rows of a big log's at once would take 50 MB more."""
+    """Yield a table in pieces: converting all rows of a big log at once would take 50 MB more."""
     for first in range(0, len(table), _PIECE_ROWS):
         yield table.iloc[first : first + _PIECE_ROWS]
 
@@ -74,7 +74,7 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
 
 
 def column_types(table: pd.DataFrame) -> dict[str, str | list[str]]:
-    """Return what a CSV file does not say of its columns: how wide the numbers are, and which words there are."""
+    """Return the types that a CSV file does not state: the width of numbers, and the words of a column."""
     return {
         str(name): dtype.categories.tolist()
         if isinstance(dtype, pd.CategoricalDtype)

@@ -1,1 +1,1 @@
-"""The jobs and what they give: replay, engine, point, check, simulate, visibility, margin; result tables."""
+"""The jobs and their results: replay, engine, point, check, simulate, visibility, margin; result tables."""

@@ -28,7 +28,7 @@ class HeadingAgreement(NamedTuple):
 
 
 def heading_of(run: Run) -> HeadingAgreement:
-    """Return what a run says of its heading: by the filter's own event, else by the sigma that it started with."""
+    """Return a run's heading status: by the filter's own event, else by the sigma that it started with."""
     sigma, settings = run.nav["sd_yaw_deg"].to_numpy(), dict(run.settings.get("filter") or {})
     limit = float(dict(settings.get("heading") or {}).get("known_below_deg", _HEADING_KNOWN_DEG))
     known_s = run.heading_known_s()

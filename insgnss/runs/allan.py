@@ -43,7 +43,7 @@ SHORTEST_CORRELATION_S: Final = 10.0  # what forgets faster is noise to a filter
 _TIMES_TRIED: Final = 60  # correlation times on a logarithmic grid
 # Columns of ``_terms`` that may enter together
 _TERM_SETS: Final = ((1,), (0, 1), (1, 2), (0, 1, 2), (1, 2, 3), (0, 1, 2, 3))
-# of the weighted sum of squares, three sigma: less does not speak for one more
+# of the weighted sum of squares, three sigma: less does not justify one more
 _WORTH_A_PARAMETER: Final = 9.0
 
 
@@ -102,7 +102,7 @@ def overlapping_allan(values: Float64, step_s: float) -> AllanCurve:
 def gauss_markov_variance(tau_s: Float64, time_s: float) -> Float64:
     """Return G(t, T), the Allan variance of a Gauss-Markov process of unit variance.
 
-    For t well below T the closed form is a difference of nearly equal numbers; its series stands in.
+    For t well below T the closed form is a difference of nearly equal numbers; its series is used.
     """
     x = np.asarray(tau_s) / time_s
     small = np.minimum(x, 1e-2)
@@ -120,12 +120,12 @@ def fit(curve: AllanCurve) -> NoiseFit:
     """Return the terms that explain the mean variance of the axes, each not negative, by weighted least squares.
 
     The correlation time is searched on a grid up to three times the longest averaging time, then on a finer one;
-    a term beside the random walk enters only where the curve asks for it.
+    a term besides the random walk enters only if the curve needs it.
     """
     tau, variance = curve.tau_s, np.mean(curve.deviation**2, axis=1)
     if not np.all(variance > 0.0):
         raise InputError(
-            "the readings do not change: there is no noise to measure",
+            "the readings do not change: no noise to measure",
             advice="take a log of finer resolution",
         )
     # three axes; neighbouring averaging times share most of their data, a decade holds about three independent ones
@@ -217,7 +217,7 @@ def allan_study(imu: ImuTable, like: ImuGrade | None = None) -> AllanStudy:
 
     Raises
     ------
-    InputError : too few samples, or the sensor moves; when is told
+    InputError : too few samples, or the sensor moves; the message states the time
     """
     if len(imu.t_ns) < LEAST_SAMPLES:
         raise InputError(f"{len(imu.t_ns)} samples are too few", advice=f"take {LEAST_SAMPLES} at least")

@@ -43,7 +43,7 @@ _ADVICE: Final = (
 
 
 class InterpolationLimits(NamedTuple):
-    """What may be lost between rows, one sigma."""
+    """The permitted loss between rows, one sigma."""
 
     attitude_deg: float
     position_m: float
@@ -85,7 +85,7 @@ def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: InterpolationLimi
 def _filled_in(
     found: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
 ) -> Float64:
-    """Write what is not straight between rows, and the sigmas; return the loss (m, 3) by ``InterpolationLimits``."""
+    """Write the nonlinear part between rows, and the sigmas; return the loss (m, 3) by ``InterpolationLimits``."""
     from scipy.spatial.transform import Rotation  # late: 0.4 s and 40 MB that a replay can use
 
     t = nav["time_s"].to_numpy()
@@ -130,7 +130,7 @@ def _changes(t: Float64, steps: Float64) -> Float64:
         return np.zeros(len(t))
     rates = steps / np.diff(t)[:, None]
     if len(rates) == 1:
-        change = np.linalg.norm(rates, axis=1)  # nothing tells how it changes
+        change = np.linalg.norm(rates, axis=1)  # its change is unknown
     else:
         change = np.empty(len(rates))
         change[1:-1] = np.linalg.norm(rates[2:] - rates[:-2], axis=1)
@@ -139,7 +139,7 @@ def _changes(t: Float64, steps: Float64) -> Float64:
 
 
 def _widen(found: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> None:
-    """Add what is lost to sigmas: nothing at a row, all of it in the middle."""
+    """Add the loss to sigmas: nothing at a row, all of it in the middle."""
     part = (4.0 * u[:, 0] * (1.0 - u[:, 0]) * lost)[:, None]
     found[names] = np.sqrt(found[names].to_numpy() ** 2 + part**2)
 

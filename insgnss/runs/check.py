@@ -1,4 +1,4 @@
-"""The examination of a flight: each log by itself, then the logs against each other, and what should be declared.
+"""The examination of a flight: each log by itself, then the logs against each other, and the proposed declarations.
 
 A log is examined with what was found so far already mended in memory: units first, then the GNSS log's rates and time,
 then the inertial log against the motion that the satellites show. Nothing is written.
@@ -45,7 +45,7 @@ MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overl
 def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
     """Return everything that can be said of a flight's logs, with proposals for its flight file.
 
-    ``check_flight`` tells what each log shows; here they are held against each other. A log that cannot be read is a
+    ``check_flight`` checks each log; here they are compared with each other. A log that cannot be read is a
     finding, not an error. ``progress`` receives a message while the compiler runs.
     """
     with compiled(progress or (lambda _: None)):
@@ -105,20 +105,22 @@ def _against_each_other(
     more += gap_findings(declared.imu, gnss.t_ns, flight.imu_grade, flight.config.gps_week)
     size = float(np.median(np.linalg.norm(declared.imu.f_b, axis=1))) / STANDARD_GRAVITY_MPS2
     if not LEAST_G < size < MOST_G:
-        text = f"the specific force is {size:.3g} g in the middle of the log: not held against the satellites"
+        text = (
+            f"the specific force is {size:.3g} g in the middle of the log: not compared with the satellites"
+        )
         return [*more, Finding("warning", "motion", text, "its unit must be known first")], False
     if any(finding.text.startswith(DEAD) for finding in findings):
-        text = "a sensor holds its values for most of the log: not held against the satellites"
+        text = "a sensor holds its values for most of the log: not compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
     if track is None or len(track.t_s) < MIN_TRACK:
-        text = "too few epochs with a position: the inertial log cannot be held against the satellites"
+        text = "too few epochs with a position: the inertial log cannot be compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
     motion = _motion(flight, declared, track, gnss)
     return more + motion, any(finding.text.startswith("the axes fit") for finding in motion)
 
 
 def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack) -> None:
-    """Put what the inertial log shows in place of what it showed while nobody knew how fast the vehicle was."""
+    """Replace the findings on the inertial log that were made without the vehicle's speed."""
     if imu is None:
         return
     t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
@@ -164,7 +166,7 @@ def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, gnss: G
 
 
 def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
-    """Return what the logs' spans alone say where there is no motion."""
+    """Return the findings from the logs' time spans alone, without motion."""
     shift = shifts[0]
     hours = round((shift - round(shift / S_PER_WEEK) * S_PER_WEEK) / HOUR_S)
     text = f"IMU and GNSS overlap if {shift} s are added to the IMU tags: {_words(shift)}"
@@ -187,4 +189,4 @@ def _cleared(finding: Finding) -> Finding:
     """Return a doubt about axes, raised by gravity at rest alone, as a fact: the motion bears the axes out."""
     if finding.severity != "warning" or not finding.text.startswith(("f at rest", "f in steady")):
         return finding
-    return replace(finding, severity="ok", advice="the motion bears the axes out")
+    return replace(finding, severity="ok", advice="the motion confirms the axes")

@@ -33,9 +33,9 @@ class Engine(FilterEngine):
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    what has become final since the last call, ``engine.events`` all that happened. Of several antennas ([attitude] in
+    the rows that became final since the last call, ``engine.events`` all events. Of several antennas ([attitude] in
     the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further one by its name, and
-    ``EpochResult.differences`` has what became of their phases. ``engine.sensor("odometer", t_ns, speed)`` takes the
+    ``EpochResult.differences`` has the status of their phases. ``engine.sensor("odometer", t_ns, speed)`` takes the
     readings of further sensors ([[sensor]]).
 
     With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
@@ -64,7 +64,7 @@ class Engine(FilterEngine):
         aiding : rate [Hz], the filter's other settings of the aiding kept, or all settings; None: no aiding
         on_aiding : takes the messages (``aiding.stream`` says what is in them), or an ``AidingStream``
         measurements : of the user's own, as in ``replay``; each is used when the samples have reached its time, and
-            ``take_measurements`` has what became of it
+            ``take_measurements`` has its status
         supervise : whether the search supervisor decides at each epoch what the receiver should do about every
             satellite of the constellations that the setup names; ``take_supervision`` has the decisions
 
@@ -76,7 +76,7 @@ class Engine(FilterEngine):
         """
         if (aiding is None) != (on_aiding is None):
             raise ConfigError(
-                "aiding needs a rate and somebody who takes it",
+                "aiding needs a rate and a receiver of its rows",
                 advice="give both aiding=... and on_aiding=..., or neither",
             )
         self._aiding: LiveAiding | None = None
@@ -142,7 +142,7 @@ class Engine(FilterEngine):
         self._carry_live()
 
     def take_measurements(self, *, all_of_them: bool = False) -> list[OwnEntry]:
-        """Return what became of the rows of ``measurements`` that no late epoch can change any more, each once.
+        """Return the status of the rows of ``measurements`` that no late epoch can change any more, each once.
 
         ``all_of_them`` at the end of a log, after ``take_results(all_of_them=True)``.
         """
@@ -172,14 +172,14 @@ class Engine(FilterEngine):
         return self._supervision.taken()
 
     def _before_epoch(self, epoch: GnssTable) -> None:
-        """Let the supervisor see the epoch and what the filter expects of it."""
+        """Pass the epoch and the filter's prediction of it to the supervisor."""
         newest = self._samples.last_ns
         if self._supervision is not None and newest is not None:
             if self._supervision.is_wanted(epoch, newest):
                 self._expect(self._supervision, tag_of(epoch))
 
     def _expect(self, supervision: LiveSupervision, t_ns: int) -> None:
-        """Hand over what the filter expects at ``t_ns``, as it stands at the last sample before."""
+        """Pass on the filter's prediction at ``t_ns``, from the last sample before."""
         bank, sample_ns = self._navigator.bank, self._samples.last_before(t_ns)
         if bank is None or t_ns - sample_ns > LATEST_SAMPLE_NS or bank.head[0].now_ns > sample_ns:
             return

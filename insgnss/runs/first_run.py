@@ -1,4 +1,4 @@
-"""What the first command of an installation compiles, for itself and for those that come after it.
+"""Compilation by the first command of an installation, for itself and for later ones.
 
 ``check``, ``point``, ``replay`` and ``simulate`` need what ``insgnss.runs.kernel_list`` names; what only some of their
 options need (masking, the trace, the smoother) is compiled where it is first called.
@@ -14,12 +14,12 @@ from insgnss.kernels.compiled_ahead import compiled_ahead, is_complete
 
 # run in processes of its own: one that finds everything compiled does not load it
 _LIST: Final = "insgnss.runs.kernel_list"
-_ABOUT: Final = "compiling, once per installation (half a minute to a minute)"
+_ABOUT: Final = "compiling once per installation (half a minute to a minute)"
 
 
 @contextmanager
 def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]:
-    """Let the kernels be compiled beside what is done inside, and have them all at its end.
+    """Compile the kernels in parallel with the block, and finish them at its end.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is known of further antennas without loading the attitude stage: the epochs that they have in common."""
+"""Further antennas without the attitude stage: the epochs that they have in common."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def require_common_epochs(logs: FlightLogs, flight: Flight) -> None:
         t_ns = np.zeros(0, np.int64) if cycles is None else logs.further[number].t_ns[np.isfinite(cycles)]
         if not (epoch_of(t_ns, mains_ns) < len(mains_ns)).any():
             raise InputError(
-                f"no epoch of antenna '{antenna.name}' is at a time of the main log's",
+                f"no epoch of antenna '{antenna.name}' matches a time of the main log",
                 file=antenna.files[0],
                 key="attitude.antenna.files",
                 advice="log all antennas at one rate; their time tags may be 2 ms apart",

@@ -50,7 +50,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
 def row_blocks(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, most_rows: int | None = MOST_ROWS
 ) -> tuple[list[GnssRows], list[Event]]:
-    """Return what ``corrected_rows`` does in blocks of whole epochs with about ``most_rows`` rows; None: in one.
+    """Return the rows of ``corrected_rows`` in blocks of whole epochs with about ``most_rows`` rows; None: in one.
 
     Raises
     ------
@@ -85,9 +85,9 @@ def block_cuts(t_ns: Int64, most_rows: int) -> list[int]:
 def row_corrections(
     setup: FilterSetup, logs: FlightLogs, flight: Flight
 ) -> tuple[Float64 | None, Float64 | None, list[Event]]:
-    """Return the delays on L1, what a base station takes off the ranges, each None where there is none, and events.
+    """Return the delays on L1, the base station's corrections of the ranges, each None if missing, and events.
 
-    The delays are (n, 2) with their growth beside them [m, m/s], the others (n,) [m].
+    The delays are (n, 2) with their rates [m, m/s], the others (n,) [m].
 
     Raises
     ------
@@ -134,7 +134,7 @@ def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float
                 break
     if not found_ns:
         raise NavigationDataError(
-            "no epoch gives a position, which the ionosphere's model needs",
+            "no epoch gives the position that the ionosphere model needs",
             key="measurements.ionosphere",
             advice="'insgnss check' shows satellites and ephemeris per epoch; ionosphere = 'klobuchar' needs none",
         )
@@ -142,7 +142,7 @@ def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float
 
 
 def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[Float64, list[Event]]:
-    """Return what a base station's ranges take off the flight's (n,) [m], NaN where there is nothing, and events.
+    """Return a base station's corrections of the flight's ranges (n,) [m], NaN where missing, and events.
 
     Satellite states, ionosphere and troposphere are the same on both sides, so that only what they miss is left.
     """
@@ -180,7 +180,7 @@ def _max_age_s(setup: FilterSetup) -> float | None:
 
 def _no_coefficients(model: str) -> NavigationDataError:
     return NavigationDataError(
-        f"ionosphere = '{model}' needs the coefficients of a navigation message, and there is none",
+        f"ionosphere = '{model}' needs the coefficients of a navigation message, and none is given",
         key="measurements.ionosphere",
         advice="name a navigation file under gnss.navigation, or set ionosphere = 'ionosphere_free' or 'none'",
     )

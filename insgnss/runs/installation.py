@@ -108,7 +108,7 @@ def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: in
 
 
 def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
-    """Return what a run proposes for the flight file that it was made from.
+    """Return a run's proposals for its flight file.
 
     A key that was changed since the run is left as it is: the run determined the error of its former value.
 

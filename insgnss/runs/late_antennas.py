@@ -23,7 +23,7 @@ def with_aid(setup: FilterSetup, flight: Flight) -> FilterSetup:
 def with_antennas(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
 ) -> tuple[FilterSetup, Record | None, list[Event]]:
-    """Return what ``multi_antenna.with_antennas`` does; the setup alone where the flight has one antenna."""
+    """Return the result of ``multi_antenna.with_antennas``; the setup alone where the flight has one antenna."""
     if flight.config.attitude is None:
         return setup, None, []
     from insgnss.runs import multi_antenna

@@ -1,4 +1,4 @@
-"""A flight's further antennas as the filter's attitude stage takes them, and what it gives back for the ledger."""
+"""A flight's further antennas as the filter's attitude stage takes them, and its results for the ledger."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
     array = array_of_flight(attitude, gnss, folder)
     events = []
     if is_collinear(array):
-        detail = f"the antennas stand on one line: {angle_lost(array)} is left to the inertial sensors"
+        detail = f"the antennas are on one line: {angle_lost(array)} comes from the inertial sensors alone"
         events.append(Event(None, "attitude_collinear", detail))
     mounted = mounted_antennas(attitude, gnss, folder)
     antennas = Antennas(
@@ -72,7 +72,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
 def with_antennas(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
 ) -> tuple[FilterSetup, Record | None, list[Event]]:
-    """Return the setup with the phases of the flight's antennas, what adds its ledger to a run's, and events.
+    """Return the setup with the antennas' phases, a function that adds their ledger to a run's, and events.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 @dataclass(frozen=True, repr=False)
 class PointRun(ResultDisplay):
-    """What ``point`` gives. Tables are DataFrames, ``settings`` is all that is needed to repeat it."""
+    """The result of ``point``. Tables are DataFrames; ``settings`` has everything needed to repeat it."""
 
     point: pd.DataFrame
     residuals: pd.DataFrame
@@ -68,7 +68,7 @@ class PointRun(ResultDisplay):
         annotate_all((getattr(self, name) for name in TABLES), self.settings)
 
     def _about(self) -> Iterator[str]:
-        yield f"{int(self.trusted().sum())} of {len(self.point)} epochs with a position that no test speaks against"
+        yield f"{int(self.trusted().sum())} of {len(self.point)} epochs with a position that passed all tests"
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``point_settings.json`` into ``folder`` (made if needed); return the folder.
@@ -93,7 +93,7 @@ class PointRun(ResultDisplay):
         return folder
 
     def trusted(self) -> npt.NDArray[np.bool_]:
-        """Return which epochs have a position that no test speaks against."""
+        """Return which epochs have a position that passed all tests."""
         return np.asarray(self.point["verdict"].str.startswith(TRUSTED) & self.point["lat_deg"].notna())
 
     def verdict_counts(self) -> pd.DataFrame:
@@ -119,7 +119,7 @@ class PointRun(ResultDisplay):
         ResultError : the flight has no reference
         """
         if self.errors is None:
-            raise ResultError("there is no reference", advice="name a [reference] in the flight file")
+            raise ResultError("the flight has no reference", advice="name a [reference] in the flight file")
         table = self.errors
         if quality is not None:
             table = table[table["quality"] <= quality]
@@ -147,7 +147,7 @@ def point(
 ) -> PointRun:
     """Solve every GNSS epoch of a flight for itself, with the filter's signals, masks, corrections and noise.
 
-    Positions stand at the receiver's time tags. The inertial log is not opened.
+    Positions are at the receiver's time tags. The inertial log is not opened.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def point(
     settings : of the filter, to be otherwise, as in ``replay``
     false_alarm : probability that the chi-square test refuses an epoch without a fault
     missed_detection : probability of a fault beyond the protection level that passes the test
-    progress : is told in words what is being done
+    progress : is called with a description of the current step
 
     Raises
     ------
@@ -166,7 +166,7 @@ def point(
     began = time.perf_counter()
     for name, value in (("false_alarm", false_alarm), ("missed_detection", missed_detection)):
         if not 0.0 < value < 0.5:
-            raise ConfigError(f"{value} is no probability", key=name, advice="give one between 0 and 0.5")
+            raise ConfigError(f"{value} is not a probability", key=name, advice="give one between 0 and 0.5")
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
@@ -226,7 +226,7 @@ def chi_square_limits(most: int, false_alarm: float) -> Float64:
 
     Zero degrees: zero.
     """
-    from scipy.special import chdtri  # late: whoever only replays does not wait for it
+    from scipy.special import chdtri  # late: a replay does not wait for it
 
     return np.append(0.0, chdtri(np.arange(1.0, most + 1.0), false_alarm))
 
@@ -236,7 +236,7 @@ def read_logs(flight: Flight) -> FlightLogs:
 
     Raises
     ------
-    InputError and its kin : a log is missing or unreadable
+    InputError or a subclass : a log is missing or unreadable
     """
     config = flight.config
     logs = read_gnss_logs(config.gnss, config.gps_week, flight.path)
@@ -252,7 +252,7 @@ def read_logs(flight: Flight) -> FlightLogs:
 
 
 def _errors(table: pd.DataFrame, logs: FlightLogs, week: int) -> pd.DataFrame | None:
-    """Return the trusted epochs' solution minus the reference; the antenna is taken for the reference's point."""
+    """Return the trusted epochs' solution minus the reference; the antenna is assumed to be the reference's point."""
     if logs.reference is None:
         return None
     trusted = table["verdict"].str.startswith(TRUSTED) & table["lat_deg"].notna()

@@ -98,7 +98,7 @@ def replay(
     settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
         times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
-        camera are right however the vehicle turns; a time without a filter has no row, which an event tells
+        camera are right however the vehicle turns; a time without a filter has no row, which an event reports
     point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
         forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
     quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first
@@ -107,7 +107,7 @@ def replay(
         aiding
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
-    smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
+    smooth : whether ``run.nav`` uses the whole log for each time, not only the data before it, inside
         outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
         still those of the filter
     integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` the separation
@@ -115,8 +115,8 @@ def replay(
         the filter's ``[integrity]``
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
-        ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
-    progress : is told in words what is being done
+        ``rows(state, layout)``, see ``Measurement``. Their rows are in ``run.measurements`` by their name
+    progress : is called with a description of the current step
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | N
 def _aiding(
     record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the aiding and its budget from what the filter left behind."""
+    """Return the aiding and its budget from the filter's trace."""
     assert record.aiding is not None
     tell("computing the aiding")
     if record.supervised is not None:  # which has rows of its own in the trace
@@ -216,7 +216,7 @@ def _supervised(record: _RunRecord, found: FilterTrace, flight: Flight, tell: Pr
 
 
 class _RunRecord(NamedTuple):
-    """What is kept of the logs for the result tables."""
+    """The parts of the logs kept for the result tables."""
 
     keys: list[RowKeys]  # of each block
     names: LogNames
@@ -237,7 +237,7 @@ def _prepared(
     also: tuple[Sequence[StateBlock], Sequence[Measurement]],
     tell: Progress,
 ) -> tuple[FilterSetup, tuple[ImuTable, list[GnssRows]], _RunRecord]:
-    """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
+    """Return the filter's setup, its inputs, and the tables' inputs; nothing else of the logs is kept."""
     tell("reading the logs")
     with compiled(tell), ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)

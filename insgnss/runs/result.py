@@ -11,7 +11,8 @@
 | imu            | stretch of the inertial log | time_s, smallest and largest rate and specific force of each axis |
 | imu_spectrum   | frequency   | frequency_hz, amplitude spectral density of each axis |
 | aiding         | output time of the aiding and satellite above the horizon | time_s sv range_rate_mps range_acceleration_mps2 range_jerk_mps3 doppler_hz doppler_rate_hz_per_s pseudorange_m code_delay_rate_s_per_s, sd_* of each, age_s |
-| aiding_budget  | satellite, whenever its sigma are found anew | time_s sv, what the sigma of rate and acceleration are made of |
+| aiding_budget  | satellite, whenever its sigmas are recomputed | time_s sv, parts of the sigmas of rate and
+acceleration |
 | supervision    | satellite above the horizon and epoch | time_s sv state decision receiver el_deg gain_dbi cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture, search window and times |
 | transitions    | change of a channel's state | time_s sv from_state to_state reason, prediction and search window |
 | search_times   | satellite   | sv, seconds held, in search, and in search without the supervisor |
@@ -61,7 +62,7 @@ FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
 
 @dataclass(repr=False)
 class Run(ResultDisplay):
-    """What a replay gives. Tables are DataFrames, ``settings`` is all that is needed to repeat the run."""
+    """The result of a replay. Tables are DataFrames; ``settings`` has everything needed to repeat the run."""
 
     nav: pd.DataFrame
     measurements: pd.DataFrame
@@ -79,7 +80,7 @@ class Run(ResultDisplay):
     imu: pd.DataFrame | None = None
     imu_spectrum: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
-    # writes a run's page; pages are drawn from runs and stand above them, so the package hands it down
+    # writes a run's page; pages are drawn from runs and import them, so the package sets it
     page_writer: ClassVar[Callable[[Run, str | Path], Path]]
 
     def __post_init__(self) -> None:
@@ -90,7 +91,7 @@ class Run(ResultDisplay):
         annotate_all((table for _, table in self._tables()), self.settings)
 
     def nav_with(self, *, utc: bool = False, sea_level: bool = False, heading: bool = False) -> pd.DataFrame:
-        """Return the navigation table with what is asked for; ``insgnss.runs.datum`` does the same to other tables.
+        """Return the navigation table with the requested columns; ``insgnss.runs.datum`` does it for other tables.
 
         Parameters
         ----------
@@ -121,7 +122,7 @@ class Run(ResultDisplay):
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
 
-        As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not tell.
+        As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not store.
         The folder holds the old run or the new one, never parts of both (``insgnss.results.saving``).
 
         Raises
@@ -177,7 +178,7 @@ class Run(ResultDisplay):
         most_m: float = 0.2,
         most_mps: float = 0.5,
     ) -> pd.DataFrame:
-        """Return rows of ``nav`` at any times of the run, in their order: interpolated between the rows that it has.
+        """Return rows of ``nav`` at any times of the run, in their order: interpolated between its rows.
 
         Position by a cubic with the velocities at both rows, attitude by the shortest turn, all else straight. What a
         vehicle does between rows is lost: how much, is estimated by how rate and acceleration change from step to
@@ -242,7 +243,7 @@ class Run(ResultDisplay):
         return None if times.empty else float(times.iloc[0])
 
     def _settled_s(self, from_s: float | None) -> float:
-        """Return the time from which a summary is made: what is asked for, else the heading known, else the start."""
+        """Return the time from which a summary is made: the requested one, else the heading known, else the start."""
         known_s = self.heading_known_s() if from_s is None else from_s
         return -np.inf if known_s is None else known_s
 

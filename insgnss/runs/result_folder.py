@@ -1,4 +1,4 @@
-"""A saved run's folder: how it is read, and what is checked before anybody computes with it."""
+"""A saved run's folder: reading it, and the checks before it is used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from insgnss.results.saving import reading
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"
-COLUMN_TYPES: Final = "columns.json"  # beside tables in CSV, which does not tell them
+COLUMN_TYPES: Final = "columns.json"  # next to tables in CSV, which do not store them
 _SAVE_AGAIN: Final = "save the run again"
 _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
@@ -130,7 +130,7 @@ def _from_csv(path: Path) -> pd.DataFrame:
         pa.ArrowException,
     ) as error:
         raise ResultError(
-            f"the table cannot be read as {COLUMN_TYPES} beside it says: {error}",
+            f"the table does not match {COLUMN_TYPES} in its folder: {error}",
             file=path,
             advice=_SAVE_AGAIN,
         ) from error
@@ -194,7 +194,7 @@ def _settings(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    ResultError : the file is missing, is no JSON, or an entry is of another kind
+    ResultError : the file is missing, is not JSON, or an entry is of another kind
     """
     if not path.is_file():
         raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_SAVE_AGAIN)
@@ -223,7 +223,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _at(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
-    """Return what stands at a path of keys, None where there is no such path."""
+    """Return the value at a path of keys, None where there is no such path."""
     value: Any = settings
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None

@@ -1,4 +1,4 @@
-"""The settings of a run: all that is needed to repeat it, with the versions it was made by."""
+"""The settings of a run: everything needed to repeat it, with the versions of the software."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from insgnss.version import __version__
 
 
 def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
-    """Return all that is needed to repeat the run."""
+    """Return everything needed to repeat the run."""
     settings: dict[str, Any] = {
         "flight": flight.config.model_dump(mode="json"),
         "filter": setup.config.model_dump(mode="json"),
@@ -42,7 +42,7 @@ def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetu
 
 
 def _described(kind: Kind) -> dict[str, Any]:
-    """Return what is known of a user's own measurement; its code is not."""
+    """Return the settings of a user's own measurement, without its code."""
     gate = None if kind.gate2 is None else "none" if math.isinf(kind.gate2) else math.sqrt(kind.gate2)
     source = type(kind.source)
     count = {"period_s": kind.period_ns / NS_PER_S} if kind.period_ns else {"times": len(kind.times_ns)}

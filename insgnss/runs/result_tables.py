@@ -36,14 +36,14 @@ Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 
 
 class LogNames(NamedTuple):
-    """What the numbers of a log's satellites and signals stand for."""
+    """The meaning of the numbers of a log's satellites and signals."""
 
     sv: tuple[str, ...]
     signal: tuple[str, ...]
 
 
 class RowKeys(NamedTuple):
-    """What each row of a block is about: all that the tables need of a log once the filter is done."""
+    """The keys of a block's rows: everything that the tables need of a log once the filter is done."""
 
     epoch_ns: Int64  # (m,)
     first: Int64  # (m + 1,) first row of each epoch
@@ -82,7 +82,7 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
 
 
 def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
-    """Return what the filter had before the smoother: position, velocity and attitude with their sigmas."""
+    """Return the filter's solution before smoothing: position, velocity and attitude with their sigmas."""
     rows = np.concatenate(parts)
     kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
     columns = {NAV_COLUMNS[i]: rows["value"][:, i] for i in kept}
@@ -271,7 +271,7 @@ def aiding_table(table: AidingTable, week: int) -> pd.DataFrame:
 
 
 def aiding_budget(table: AidingTable, week: int) -> pd.DataFrame:
-    """Return what the sigma of the aiding are made of, one row per satellite whenever they are found anew."""
+    """Return the parts of the aiding's sigmas, one row per satellite whenever they are recomputed."""
     columns: dict[str, Any] = dict(table.budget(week))
     columns["sv"] = words(columns["sv"], table.sv_names)
     return pd.DataFrame(columns)

@@ -1,4 +1,4 @@
-"""A flight's setup of the filter: what its equipment, its start and its logs ask for."""
+"""A flight's setup of the filter: from its equipment, its start and its logs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _AT_TAGS: Final = ("position", "velocity", "attitude", "heading")  # sensors of 
 def setup_filter(
     flight: Flight, logs: FlightLogs, config: FilterConfig, *, several: bool = True
 ) -> FilterSetup:
-    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay.
+    """Return the filter's setup for a flight's logs: the input of the streaming engine to repeat a replay.
 
     ``several`` includes the attitude stage of [attitude], as yet without phases.
     """
@@ -53,7 +53,7 @@ def engine_settings(
     carrier: bool = False,
     states: Sequence[StateBlock] = (),
 ) -> FilterSetup:
-    """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
+    """Return the input of ``Engine``, from a flight file: its equipment, its start and its navigation files.
 
     The inertial and GNSS logs are not opened: they are what the engine will be fed. With several antennas ([attitude])
     ``Engine.gnss`` takes the epochs of each.
@@ -63,7 +63,8 @@ def engine_settings(
     flight : the flight or its file
     filter : a name in the library, a file, or the settings themselves
     settings : of the filter, to be otherwise, as in ``replay``
-    signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
+    signals : constellation and RINEX code of all signals that the receiver will send, as ("G", "C1C"); when None every
+    band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases; with several antennas they do
     states : further states that the filter is to estimate, as in ``replay``
@@ -91,7 +92,7 @@ def engine_settings(
 
 
 def installed(flight: Flight) -> tuple[Installation, list[Event]]:
-    """Return the vehicle's antennas, and what is worth telling of their files."""
+    """Return the vehicle's antennas, and the events of their files."""
     gnss = flight.config.gnss
     return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
 
@@ -112,7 +113,7 @@ def _refuse_uncertain_time(flight: Flight, config: FilterConfig) -> None:
         at_tags.append("[attitude]")
     if at_tags:
         raise ConfigError(
-            f"the IMU's time cannot be estimated beside {' and '.join(at_tags)}, taken at the IMU's tags",
+            f"the IMU's time offset cannot be estimated together with {' and '.join(at_tags)}, taken at the IMU's tags",
             key="process.imu_time_sigma_s",
             advice="find the offset without them, declare it as imu.time.offset_s, and leave the setting at 0",
         )

@@ -53,7 +53,7 @@ from insgnss.tables import ReferenceTable
 
 @dataclass(frozen=True, repr=False)
 class Simulation(ResultDisplay):
-    """A simulated flight in memory: the scenario, the logs with their errors, and the truth beside them."""
+    """A simulated flight in memory: the scenario, the logs with their errors, and the truth."""
 
     config: SimulationConfig
     folder: Path  # of the scenario file
@@ -135,15 +135,15 @@ def simulate(
     Raises
     ------
     ConfigError, ModelError : the file is wrong: unknown key or manoeuvre, impossible turn, negative noise; with line
-    InputError and its kin : a file that the scenario names is missing or wrong
+    InputError or a subclass : a file that the scenario names is missing or wrong
     """
     path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
     config = load_toml(path, SimulationConfig)
     if seed < 0:
-        raise ConfigError(f"{seed} is no seed", key="seed", advice="give a whole number, 0 or above")
+        raise ConfigError(f"invalid seed {seed}", key="seed", advice="give a whole number, 0 or above")
     if duration_s is not None and not duration_s > 0.0:
         raise ConfigError(
-            f"a duration of {duration_s} s is none", key="duration_s", advice="give seconds, above 0"
+            f"invalid duration {duration_s} s", key="duration_s", advice="give seconds, above 0"
         )
     folder = path.absolute().parent
     try:
@@ -186,7 +186,7 @@ def _in_file(error: ConfigError, path: Path) -> ConfigError:
 
 
 def _inputs(config: SimulationConfig, folder: Path) -> Inputs:
-    """Read what the scenario takes from other files."""
+    """Read the scenario's other files."""
     reference = None if config.follow is None else _reference(config.follow, config.gps_week, folder)
     sky = config.sky
     if isinstance(sky, RinexSky):

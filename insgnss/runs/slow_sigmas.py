@@ -1,4 +1,4 @@
-"""The navigation table's ``sd_slow_*``: what errors that stay alike for minutes add to the filter's own sigma."""
+"""The navigation table's ``sd_slow_*``: the part of slowly varying errors, in addition to the filter's own sigma."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 
 COLUMNS: Final = ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m")
-# of an innovation's variance that is the range's own, as far as single precision tells
+# of an innovation's variance that is the range's own, as far as single precision resolves
 _LEAST_SHARE: Final = 1e-4
 
 
@@ -32,7 +32,7 @@ class SlowVariances(NamedTuple):
 def slow_variances(
     ledger: list[LedgerPart], keys: list[RowKeys], names: LogNames, setup: FilterSetup
 ) -> SlowVariances:
-    """Return what the slow errors of the filter's settings do to the position, by the ranges that it used.
+    """Return the effect of the settings' slow errors on the position, by the ranges that it used.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""At which times, for which point of the body, and with what beside its sigmas a run is to have its rows."""
+"""The requested rows of a run: times, point of the body, and columns besides the sigmas."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ANTENNA: Final = "antenna"  # that of the GNSS log
 def further_of(
     flight: Flight, point: Point | None, *, quaternion: bool, covariance: bool
 ) -> PointColumnValues | None:
-    """Return room for what is wanted beside the columns that every row has, None for nothing.
+    """Return space for the columns wanted besides those of every row, None for nothing.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def point_of(flight: Flight, point: Point) -> tuple[float, float, float]:
 
     Raises
     ------
-    ConfigError : the flight file has no such name, or these are no coordinates
+    ConfigError : the flight file has no such name, or the coordinates are invalid
     """
     if isinstance(point, str):
         known = named_points(flight)
@@ -62,7 +62,7 @@ def point_of(flight: Flight, point: Point) -> tuple[float, float, float]:
         x = y = z = math.nan
     if not max(abs(x), abs(y), abs(z)) <= _FARTHEST_M or math.isnan(x + y + z):
         raise ConfigError(
-            f"{point!r} is no point of the body",
+            f"invalid point of the body {point!r}",
             key="point",
             advice=f"give three numbers, forward, right, down in metres from the IMU, up to {_FARTHEST_M:g}",
         )
@@ -80,7 +80,7 @@ def named_points(flight: Flight) -> dict[str, tuple[float, float, float]]:
 
 
 def refuse_smoothing(flight: Flight, *, smooth: bool, beside: bool) -> None:
-    """Refuse a smoothed replay where there is none.
+    """Refuse a smoothed replay where smoothing is not available.
 
     Raises
     ------
@@ -114,20 +114,20 @@ def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputR
 
     Raises
     ------
-    ConfigError : times that are no numbers, none at all, or not increasing
+    ConfigError : times that are not numbers, an empty list, or not increasing
     """
     try:
         if np.ndim(output) == 0:
             if not has_epochs and str(output) == "gnss":
                 return 1.0
-            return output  # type: ignore[return-value]  # what it says is looked at beside the samples' rate
+            return output  # type: ignore[return-value]  # it is checked later against the samples' rate
         times_s = np.asarray(output, np.float64)
     except (TypeError, ValueError):
         times_s = np.full(1, math.nan)
     if times_s.ndim != 1 or not len(times_s) or not np.isfinite(times_s).all():
-        raise _no_times("are no list of numbers")
+        raise _no_times("are not a list of numbers")
     if float(np.abs(times_s).max()) > np.iinfo(np.int64).max / 4e9:
-        raise _no_times("are no seconds of the GPS week")
+        raise _no_times("are not seconds of the GPS week")
     t_ns = week_seconds_to_ns(week, times_s)
     late = np.flatnonzero(np.diff(t_ns) <= 0)
     if len(late):
@@ -157,7 +157,7 @@ def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Even
     if not len(without):
         return []
     if len(without) == len(output):
-        raise _no_times("lie before the filter's start or after the last inertial sample, all of them")
+        raise _no_times("are all before the filter's start or after the last inertial sample")
     first_s, last_s = ns_to_week_seconds(without[[0, -1]], week).tolist()
     detail = (
         f"{len(without)} of {len(output)} output times have no row, {first_s:.3f} to {last_s:.3f} s: there were no"
@@ -167,7 +167,7 @@ def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Even
 
 
 def described(output: AtTimes) -> Any:
-    """Return the output as a run's settings tell it: times are those of its rows."""
+    """Return the output from a run's settings: times are those of its rows."""
     if isinstance(output, str):
         return output
     return float(output) if np.ndim(output) == 0 else "times"  # type: ignore[arg-type]

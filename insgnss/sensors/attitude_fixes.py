@@ -27,7 +27,7 @@ _NO_ROW: Final = {"attitude": np.zeros(3)}  # of an angle that is not there
 
 
 class HeadingMeasurement(SensorMeasurement[HeadingSensor]):
-    """A heading's rows and what is not known of its mounting."""
+    """A heading's rows and its mounting uncertainty."""
 
     unit: ClassVar[str] = "rad"
     hint: ClassVar[str] = "its unit, sign and mounting; a compass: declination and steel nearby"

@@ -39,14 +39,14 @@ KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
 
 
 class SensorFitting(NamedTuple):
-    """What is fitted beside IMU and GNSS."""
+    """The equipment fitted besides IMU and GNSS."""
 
     states: tuple[StateBlock, ...] = ()
     measurements: tuple[Measurement, ...] = ()
 
 
 def fitted(config: FlightConfig, logs: FlightLogs | None) -> SensorFitting:
-    """Return what a flight file says to be fitted.
+    """Return the equipment that a flight file declares.
 
     Parameters
     ----------

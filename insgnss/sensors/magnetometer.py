@@ -4,10 +4,10 @@ With the field m along body axes, the vehicle's own field b (hard iron) and the 
 
     n . C_nb (m - b) = H cos D,    e . C_nb (m - b) = H sin D.
 
-The two rows are these along and across magnetic north (u, a): 0 = a . C_nb (m - b) tells the heading, with a sigma of
-sigma / H, and H = u . C_nb (m - b) tells whether the field is the Earth's. Both stand or fall together: a motor or a
-bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of it, so
-that a heading is never better than its declination and hard iron. The vertical field is not used.
+The two rows are these along and across magnetic north (u, a): 0 = a . C_nb (m - b) gives the heading, with a sigma of
+sigma / H, and H = u . C_nb (m - b) shows whether the field is the Earth's. Both are used or refused together: a motor
+or a bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of
+it, so that a heading is never better than its declination and hard iron. The vertical field is not used.
 Neglects: soft iron (3 % of the field in a car's cabin, 1 deg) but for what H takes; the Earth field's change with the
 place, 1 deg of declination in 100 km.
 """
@@ -33,7 +33,7 @@ from insgnss.units import RAD_PER_DEG, SQRT_S_PER_SQRT_H
 
 
 class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
-    """A magnetometer's rows, its hard iron, and what is not known of the field."""
+    """A magnetometer's rows, its hard iron, and the uncertainty of the field."""
 
     unit: ClassVar[str] = "uT"
     hint: ClassVar[str] = "motors, currents and steel nearby; its axes and unit, declination and intensity"
@@ -64,7 +64,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
         field_e = state.C_eb @ field_b
         across, along = float(across_e @ field_e), float(along_e @ field_e)
 
-        # predicted is what stands on the right less C_nb (m - b), measured is zero
+        # predicted is the right side less C_nb (m - b), measured is zero
         def partials(
             direction_e: Float64, of_strength: float, of_declination: float
         ) -> dict[str, npt.ArrayLike]:

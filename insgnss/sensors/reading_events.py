@@ -1,4 +1,4 @@
-"""What a replay tells of the readings themselves: readings left out, and a sensor that stands still while all moves."""
+"""A replay's events about the readings: readings left out, and a sensor stuck while the vehicle moves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOVED_SIGMAS: Final = 6.0  # by which the prediction has moved against a value 
 
 
 def reading_events(own: OwnMeasurements | None, entries: Sequence[OwnEntry]) -> list[Event]:
-    """Return the events of the further sensors' readings, from what became of their rows."""
+    """Return the events of the further sensors' readings, from the status of their rows."""
     sources = () if own is None else tuple(kind.source for kind in own.kinds)
     events = []
     for source in sources:
@@ -41,11 +41,11 @@ def _left_out(source: SensorMeasurement[Any], readings: Readings) -> list[Event]
 
 
 def _frozen(source: SensorMeasurement[Any], readings: Readings, entries: Sequence[OwnEntry]) -> list[Event]:
-    """Return an event for each stretch of equal readings within which what they measure has moved.
+    """Return an event for each stretch of equal readings within which the measured quantity has moved.
 
     What moved is the prediction: the reading stays, so the innovation's change is the prediction's.
     """
-    # of several rows of a time the last one stands for all
+    # of several rows of a time the last one represents all
     last = {e.t_ns: e for e in entries if np.isfinite(e.innovation) and e.variance > 0.0}
     same = (readings.values[1:] == readings.values[:-1]).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))

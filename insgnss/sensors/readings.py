@@ -17,7 +17,7 @@ _JITTER: Final = 0.8  # of ``interval_s`` that has to pass
 
 
 class Reading(NamedTuple):
-    """What a sensor measured at one time, SI units."""
+    """A sensor's reading at one time, SI units."""
 
     values: Float64  # (k,) NaN where it gave none
     sigma: Float64  # (s,) of one reading, NaN where the log states none
@@ -35,7 +35,7 @@ class Readings:
     left_out: int = 0  # readings that came too soon after another
 
     def at(self, t_ns: int) -> Reading:
-        """Return the reading of a time that there is."""
+        """Return the reading of an existing time."""
         k = int(np.searchsorted(self.times_ns, t_ns))
         return Reading(self.values[k], self.sigma[k], float(self.weight[k]))
 
@@ -88,7 +88,7 @@ class LiveReadings:
         return True
 
     def at(self, t_ns: int) -> Reading:
-        """Return the reading of a time that there is."""
+        """Return the reading of an existing time."""
         k = bisect_left(self.times, t_ns)
         before = self.times[k - 1] if k else None
         return Reading(*self.found[t_ns], weight_after(self.config, before, t_ns))

@@ -1,4 +1,4 @@
-"""What the measurements of all further sensors have in common: their readings, their gate, how much a row counts.
+"""The common part of all further sensors' measurements: their readings, their gate, how much a row counts.
 
 The signs are those of ``filter.own_rows.rows``: a row's value is measured minus predicted, its partials are those of
 the prediction. With the body turned by psi, C_eb becomes (I + [psi x]) C_eb, so a vector fixed to the body, seen along
@@ -29,7 +29,7 @@ Config = TypeVar("Config", bound=SensorLog)
 
 @dataclass(frozen=True)
 class SensorMeasurement(Generic[Config]):
-    """A further sensor as a measurement of the filter; each kind says what its rows are."""
+    """A further sensor as a measurement of the filter; each kind defines its rows."""
 
     config: Config
     readings: Readings | LiveReadings
@@ -102,7 +102,7 @@ class SensorMeasurement(Generic[Config]):
 
 
 def weighted(innovation: float, partials: Mapping[str, npt.ArrayLike], sigma: float, reading: Reading) -> Row:
-    """Return a row of a reading: gated with the sigma of one reading, used with what it is worth beside the others."""
+    """Return a row of a reading: gated with the sigma of one reading, used with its weight among the others."""
     return Row(float(innovation), partials, reading.weight * sigma**2, sigma**2)
 
 

@@ -6,8 +6,8 @@ axes the variance between the means m_j of the parts is held against the varianc
     F = n sum_j (m_j - m)^2 / (k - 1)  :  (W + n rho^2),  W = sum_ij (x_ij - m_j)^2 / (k (n - 1))
 
 For white noise of **any** level and rho = 0, F has the F distribution of k - 1 and k (n - 1) degrees of freedom: the
-sensor's noise and an engine that idles need not be known, the window shows them. The vehicle stands where all six are
-below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
+sensor's noise and an engine that idles need not be known, the window shows them. The vehicle is at rest where all six
+are below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
 Vibration faster than a part averages out in m_j and makes F smaller still. A good gyro sees wind and passengers rock
 the vehicle more slowly than that: rho is the rocking that a part's mean may have (``rocking_deg_per_s``,
 ``rocking_mps2``). With more of it the test does not fire, and nothing is claimed.
@@ -20,7 +20,7 @@ drive shows nothing to any inertial sensor. What remains of it is refused by the
 s the sigma of the predicted velocity, S = s^2 + r: at v = (g + 3) sqrt(S) it is 0.1 %.
 A log that repeats one sample shows no noise: it counts as a faulty sensor, not as standstill.
 
-**The rows.** 0 = v_e + rocking, with the variance of a rocking that stays alike (``correlated``), and
+**The rows.** 0 = v_e + rocking, with the variance of a correlated rocking (``correlated``), and
 mean(w_ib_b) = e + C_be w_ie + noise, of the window, with e the gyros' whole error: its variance is that of the rocking
 plus W / N.
 Neglects: that the gyros' noise in the window has turned the attitude as well: it costs part of the gain.
@@ -51,7 +51,7 @@ _LEAST_PARTS: Final = 3
 
 @dataclass(frozen=True)
 class WindowStatistics:
-    """What a window of inertial samples shows: rates first, specific forces behind them, body axes."""
+    """The statistics of a window of inertial samples: rates first, specific forces behind them, body axes."""
 
     f_ratio: Float64  # (6,) F of the module's text
     inside: Float64  # (6,) variance inside the parts [rad^2/s^2], [m^2/s^4]
@@ -63,7 +63,7 @@ class WindowStatistics:
 def window_statistics(
     window: InertialWindow, rocking: tuple[float, float] = (0.0, 0.0)
 ) -> WindowStatistics | None:
-    """Return what a window shows, None where it has too few samples, some that are unknown, or one that repeats.
+    """Return a window's statistics, None if it has too few samples, unknown samples, or a repeated sample.
 
     ``rocking``: sigma of the parts' means of a vehicle at rest [rad/s], [m/s^2].
     """

@@ -2,7 +2,7 @@
 
 Position: the second fix. Velocity: that of a velocity sensor at its time, else the way between the fixes over their
 time, an acceleration of 1 m/s^2 in its sigma. Roll and pitch: the mean specific force of the last second. Heading:
-open, around the course where there is one; the fixes and whatever tells a heading decide.
+open, around the course where there is one; the fixes and other information on heading decide.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rows at regular ticks, and how much less they tell where their errors stay alike from one to the next."""
+"""Rows at regular ticks, weighted down where their errors are correlated from one to the next."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insgnss.tables import Int64
 
 @dataclass(frozen=True)
 class PeriodicMeasurement:
-    """What measurements at whole multiples of a period have in common (``own_rows.rows.Measurement``)."""
+    """The common part of measurements at whole multiples of a period (``own_rows.rows.Measurement``)."""
 
     period_s: float
     gate_sigma: float
@@ -25,7 +25,7 @@ class PeriodicMeasurement:
 
     @property
     def times_ns(self) -> Int64:
-        """None beside the ticks (0,)."""
+        """None besides the ticks (0,)."""
         return np.zeros(0, np.int64)
 
     @property
@@ -42,6 +42,7 @@ def correlated(variance: float, time_s: float, period_s: float) -> float:
 
         r = s^2 (1 + a) / (1 - a) = s^2 coth(d / 2 t)   (2 t / d s^2 for d << t, s^2 for d >> t)
 
-    tell as much. Neglects: that rows closer than t tell the error itself; a single row is given less than it has.
+    carry as much. Neglects: rows closer than t observe the error itself; a single row gets less weight than it
+    deserves.
     """
     return variance / math.tanh(0.5 * period_s / time_s)

@@ -7,8 +7,9 @@ and C_vb = R_z(yaw) R_y(pitch) the mounting of the IMU, the sideways and the dow
     partials: velocity C_eb a; attitude (C_eb a) x v_e; error of the gyros a x l; mounting (da/dpitch . u, da/dyaw . u)
 
 The slip has the variance s^2 = s_0^2 + (angle |u|)^2 + (tyre w_z |u|^2)^2 + (rate of turn x sigma of the axle)^2: it
-grows with the speed and in corners. It stays alike for about a second, so a row counts as ``correlated`` says. The
-mounting is a constant state: the heading does not take over its error, and what is known in an outage is their sum.
+grows with the speed and in corners. It is correlated over about a second, so each row is weighted by ``correlated``.
+The mounting is a constant state: the heading does not take over its error, and what is known in an outage is their
+sum.
 
 **Course** (ship, aircraft). Heading and course differ by an angle of leeway, current or wind that lasts, a Gauss-Markov
 state, and by yawing that does not. Without sensor:
@@ -42,7 +43,7 @@ from insgnss.tables import Float64
 MOUNTING: Final = "vehicle_mounting"  # the block of its pitch and yaw
 LEEWAY: Final = "leeway"
 _RATE_WINDOW_S: Final = 0.1  # of the rate at the axle: vibration averages out, a corner does not change
-_MOST_PITCH_RAD: Final = math.radians(45.0)  # beyond it the nose tells no course
+_MOST_PITCH_RAD: Final = math.radians(45.0)  # beyond it the nose gives no course
 _MOST_ROLL_RAD: Final = math.radians(60.0)
 
 
@@ -90,12 +91,12 @@ class NonHolonomic(PeriodicMeasurement):
         return found
 
     def unlikely(self, state: StateEstimate) -> float:
-        """Return what a heading loses under which the vehicle moves backward."""
+        """Return the charge on a heading under which the vehicle moves backward."""
         ahead, _, _ = vehicle_axes(*self._mounting(state))
         return log_weight(float(ahead @ state.C_eb.T @ state.v_e), self.nose_first)
 
     def _mounting(self, state: StateEstimate) -> tuple[float, float]:
-        """Return pitch and yaw of the IMU against the vehicle: as given, and what the filter has found of it."""
+        """Return pitch and yaw of the IMU against the vehicle: as given, and as estimated by the filter."""
         found = np.zeros(2) + state.optional.get(MOUNTING, 0.0)
         given = self.settings
         return (
@@ -155,7 +156,7 @@ class Course(PeriodicMeasurement):
         return [Row(-math.remainder(predicted, math.pi), partials, own)]
 
     def unlikely(self, state: StateEstimate) -> float:
-        """Return what a heading loses under which the vehicle moves backward."""
+        """Return the charge on a heading under which the vehicle moves backward."""
         north, east, _ = state.v_n
         return log_weight(
             float(north * math.cos(state.yaw_rad) + east * math.sin(state.yaw_rad)), self.nose_first

@@ -64,7 +64,7 @@ _L5_CHIP_M: Final = CA_CHIP_M / 10.0  # IS-GPS-705J, 3.3.2.1: 10.23 MHz
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a scenario takes from files, read by whoever knows their formats."""
+    """A scenario's data from files, read by the code that knows their formats."""
 
     navigation: NavigationData | None = None  # of a sky from a RINEX file or an almanac
     reference: ReferenceTable | None = None  # to follow
@@ -174,7 +174,7 @@ def _sky(
     navigation = inputs.navigation
     assert navigation is not None
     if sky.kind == "yuma":
-        # an almanac says nothing of the air: a usual day's ionosphere stands for it
+        # an almanac has no ionosphere: an ordinary day's is used
         known = NavigationData(navigation.ephemerides, np.array(KLOBUCHAR), LEAP_SECONDS)
         return referred_to(known, toe_ns)
     return nearest_messages(navigation, middle_ns, 0.5 * duration_s)
@@ -326,7 +326,7 @@ def _disturbances(gnss: SimulatedGnss) -> tuple[Disturbance, ...]:
 
 
 def _faults(entry: told.SignalFault | SensorFault) -> tuple[Fault, ...]:
-    """Return what a fault does to the observations; a clock's jump and a missing message do nothing to them.
+    """Return a fault's effect on the observations; a clock's jump and a missing message do nothing to them.
 
     Nor do the faults of further sensors.
     """

@@ -1,4 +1,4 @@
-"""What the atmosphere adds to a signal: nothing, or the broadcast model. Any function of the same form will do."""
+"""The atmosphere's delay of a signal: nothing, or the broadcast model. Any function of the same form will do."""
 
 from __future__ import annotations
 

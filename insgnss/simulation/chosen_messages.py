@@ -92,7 +92,7 @@ def referred_to(navigation: NavigationData, toe_ns: int) -> NavigationData:
 
 
 def _as_gps(navigation: NavigationData, table: EphemerisTable) -> NavigationData:
-    """Return the GPS part with each number as the file will hold it, gaps of the file filled with what is usual."""
+    """Return the GPS part with each number as the file will hold it, gaps of the file filled with usual values."""
 
     def or_else(values: np.ndarray, usual: float) -> np.ndarray:
         return np.where(np.isnan(values), usual, values)

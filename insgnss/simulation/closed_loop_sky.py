@@ -1,4 +1,4 @@
-"""What a receiver that closes its loops through a navigation filter truly meets, at the middles of its integrations.
+"""The true signals of a receiver that closes its loops through a navigation filter, at the middles of integrations.
 
 The middle of an integration is the instant at which a receiver's observations hold: a discriminator sees the mean of
 its offset over the integration. So truth, satellites and clock are given there, T apart.
@@ -63,7 +63,7 @@ def orbits_towards(
     elevation_deg: npt.ArrayLike,
     radius_m: float = GPS_RADIUS_M,
 ) -> Orbits:
-    """Return orbits whose satellites stand in given directions at t = 0.
+    """Return orbits whose satellites are in given directions at t = 0.
 
     Equation: |r + d u| = R, d = -r.u + sqrt((r.u)^2 + R^2 - r^2); the courses are 137.5 deg apart
 
@@ -80,7 +80,7 @@ def orbits_towards(
     fits = azimuth.shape == elevation.shape and azimuth.ndim == 1 and len(azimuth) > 0
     if not (fits and np.isfinite(azimuth).all() and (elevation > 0.0).all() and (elevation <= 90.0).all()):
         raise ConfigError(
-            "azimuths and elevations are no sky",
+            "azimuths and elevations are not a valid sky",
             key="elevation_deg",
             advice="give an azimuth and an elevation above 0 deg for each satellite",
         )
@@ -147,7 +147,7 @@ def closed_loop_truth(
 
 @dataclass(frozen=True)
 class InertialAiding:
-    """What an inertial system tells a receiver."""
+    """An inertial system's aiding of a receiver."""
 
     rate_b: Float64  # (n, 3) effective rates from each middle before to it [rad/s]
     force_b: Float64  # (n, 3) effective specific forces [m/s^2]
@@ -197,7 +197,7 @@ def told_motion(
     rng: np.random.Generator,
     latency_s: float = 0.0,
 ) -> InertialAiding:
-    """Return what a receiver is told by sensors of a grade.
+    """Return the aiding of a receiver by sensors of a grade.
 
     The filter gets every sample. A replica is set when its integration begins, and its middle lies behind the newest
     sample, known ``latency_s`` after its end, which is led on to it:

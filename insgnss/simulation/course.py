@@ -67,10 +67,10 @@ class LevelMotion(NamedTuple):
 
 
 class Figure(Protocol):
-    """What changes a level motion for a while: a loop, a roll, waves."""
+    """A temporary change of a level motion: a loop, a roll, waves."""
 
     def __call__(self, elapsed_s: Float64, motion: LevelMotion) -> LevelMotion:
-        """Return the motion at the times ``elapsed_s`` since the figure's begin, from what it would have been."""
+        """Return the motion at the times ``elapsed_s`` since the figure's begin, from the motion without it."""
 
 
 class ManoeuvreSequence:

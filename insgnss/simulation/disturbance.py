@@ -1,4 +1,4 @@
-"""The forms of what spoils an observation: white noise, and errors that belong to the sky and its geometry."""
+"""The forms of observation errors: white noise, and errors that belong to the sky and its geometry."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ObservationNoise(Protocol):
 
 
 class PathErrors(NamedTuple):
-    """What a disturbance adds to code and carrier of all columns, (m, n) each [m]."""
+    """A disturbance of code and carrier of all columns, (m, n) each [m]."""
 
     code_m: Float64
     carrier_m: Float64
@@ -39,7 +39,7 @@ class SkyGeometry:
 
 
 class Disturbance(Protocol):
-    """A source of errors that is no white noise."""
+    """A source of errors that is not white noise."""
 
     def __call__(self, sky: SkyGeometry, rng: np.random.Generator) -> PathErrors:
         """Return one realisation along the whole scenario."""

@@ -69,7 +69,7 @@ def false_lock(
     rate_error_mps: float,
     cn0_dbhz: float,
 ) -> Fault:
-    """Return the fault of a channel that follows something else than its satellite and reports it all the same.
+    """Return the fault of a channel that tracks something else than its satellite and still reports it.
 
     The pseudorange is off by ``offset_m`` when it begins and by ``growth_mps`` more each second, the range rate by
     ``rate_error_mps``; the noise stays that of the channel. Whether the satellite can be seen does not matter.
@@ -115,7 +115,7 @@ def carrier_false_lock(
         carrier = observations.carrier_cycles
         if carrier is not None:
             held_s = np.clip(observations.tag_s, from_s, to_s) - from_s
-            # what was lost of the carrier while beside it is not found again
+            # the carrier that was lost off the signal does not come back
             locked = np.outer(held_s, np.isin(observations.sv_names, [sv]))
             carrier = carrier - offset_hz * locked
         return replace(

@@ -1,4 +1,4 @@
-"""The flight file that goes with a simulated log: what a user would have had to declare, and nothing of the truth."""
+"""The flight file of a simulated log: the declarations that a user would make, and nothing of the truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SKY_POINTS = 201
 
 
 def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
-    """Return the text of the flight file; grade and oscillator stand in it as numbers."""
+    """Return the text of the flight file; grade and oscillator are numbers in it."""
     units = {"rates": ("rad/s", "m/s^2"), "increments": ("rad", "m/s")}[config.imu.values]
     lines = [
         "# A simulated log: see the scenario file for what was put into it.",
@@ -67,10 +67,10 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
 
 
 def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
-    """Return what the phases of the antennas were drawn with, as a user would declare it.
+    """Return the noise settings of the antennas' phases, as a user would declare them.
 
     Equation: reflections vary with elevation, the file has one sigma for them: the rms over an even sky above the mask.
-    Neglects: the mirror below the antennas (``specular``), which is alike in all of them and falls out.
+    Neglects: the mirror below the antennas (``specular``), which is the same in all of them and cancels.
     """
     noise, echo = gnss.carrier_noise_m, gnss.multipath
     assert noise is not None  # as the scenario's schema demands

@@ -1,4 +1,4 @@
-"""What receivers of a vehicle's further antennas log: the same satellites from other places of the body."""
+"""The logs of a vehicle's further antennas: the same satellites from other places of the body."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LOCAL = (MarkovMultipath, SpecularReflection)  # errors that each antenna has of
 
 @dataclass(frozen=True)
 class FurtherReceiver:
-    """An antenna beside the main one, with a receiver of its own."""
+    """A further antenna with a receiver of its own."""
 
     name: str
     receiver: SimulatedReceiver
@@ -57,7 +57,7 @@ class FurtherReceivers:
     ) -> tuple[GnssTable, ...]:
         """Return the log of each antenna.
 
-        Orbits, clocks of satellites and the air are alike for all antennas and fall out of their differences: what
+        Orbits, clocks of satellites and the air are the same for all antennas and cancel in their differences: what
         messages and models miss of them is in the main log alone.
 
         Parameters

@@ -113,7 +113,7 @@ class GaussMarkovFigure:
 
 
 def _velocities(a: Float64, return_s: float | None) -> Float64:
-    """Return what accelerations (n, 3) on the grid add to the velocity, (n, 3); exact for straight lines between."""
+    """Return the velocity from accelerations (n, 3) on the grid, (n, 3); exact for straight lines between."""
     W = 0.0 if return_s is None else 2.0 * math.pi / return_s
     A = np.array([[0.0, 1.0], [-W * W, -2.0 * _DAMPING * W]])
     system = (A, np.array([[0.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)))

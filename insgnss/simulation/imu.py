@@ -46,7 +46,7 @@ class TriadErrorModel:
 
 @dataclass(frozen=True)
 class SensorOutput:
-    """What a triad reports, and the bias hidden in it."""
+    """A triad's output, and the bias hidden in it."""
 
     value: Float64  # (n, 3) mean over each interval
     bias: Float64  # (n, 3) turn-on plus slow bias at the end of each interval
@@ -135,7 +135,7 @@ def measure(
     force: Float64 | None = None,
     shaking: Float64 | None = None,
 ) -> SensorOutput:
-    """Return what a triad reports for the true interval means of a uniformly sampled flight.
+    """Return a triad's output for the true interval means of a uniformly sampled flight.
 
     The mean of white noise over an interval has the deviation ``random_walk / sqrt(step)``. The slow bias is taken as
     constant over one interval: neglects step / correlation time, 1e-5 for 10 ms and 1000 s.

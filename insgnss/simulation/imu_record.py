@@ -1,4 +1,4 @@
-"""What happens to inertial samples between sensor and file: time tags that jitter, samples that are lost."""
+"""Errors of inertial samples between sensor and file: time tags that jitter, samples that are lost."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def knot_s_of(manoeuvres: Sequence[told.Manoeuvre]) -> float:
 
 
 def _check_place(course: ManoeuvreSequence, manoeuvre: told.Manoeuvre) -> None:
-    """Refuse what needs another state of the course than the one before it."""
+    """Refuse a manoeuvre that does not fit the end of the one before it."""
     if any(math.isinf(end) for _, end, _ in course.figures):
         advice = "make it the last manoeuvre"
         raise ConfigError("nothing can follow an ascent or a random motion", advice=advice)

@@ -46,12 +46,12 @@ class StrengthOf(Protocol):
 
 
 class Tracking(Protocol):
-    """What becomes of signals that are weak or lost."""
+    """The treatment of weak or lost signals."""
 
     def apply(
         self, seen: SignalObservations, strength_dbhz: Float64, rng: np.random.Generator | None
     ) -> SignalObservations:
-        """Return what the receiver makes of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
+        """Return the receiver's measurements of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class NoiseTerms:
 
 @dataclass(frozen=True)
 class SimulatedReceiver:
-    """The antenna and what the receiver makes of the signals."""
+    """The antenna and the receiver's measurements."""
 
     lever_arm_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # IMU to antenna, forward-right-down [m]
     rate_hz: float = 1.0
@@ -105,7 +105,7 @@ class SignalObservations:
     cn0_dbhz: Float64  # (m, n)
     tracked: npt.NDArray[np.bool_]  # (m, n)
     carrier_cycles: Float64 | None = None  # (m, n)
-    lli: Int8 | None = None  # (m, n) loss-of-lock indicator, beside the carrier
+    lli: Int8 | None = None  # (m, n) loss-of-lock indicator of the carrier
 
 
 Fault = Callable[[SignalObservations], SignalObservations]
@@ -120,7 +120,7 @@ def observe(
     rng: np.random.Generator | None,
     faults: Sequence[Fault] = (),
 ) -> SignalObservations:
-    """Return what the receiver observes of the satellites of ephemerides, one each; see ``observe_paths``."""
+    """Return the receiver's observations of the satellites of ephemerides, one each; see ``observe_paths``."""
     t_s = clock.true_s
     antenna = antenna_motion(trajectory, t_s, receiver.lever_arm_b)
     paths = signal_paths(antenna, eph, start_ns, t_s)
@@ -142,7 +142,7 @@ def observe_paths(
     *,
     C_eb: Float64 | None = None,
 ) -> SignalObservations:
-    """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
+    """Return the receiver's observations at the tags of its clock; without a generator, free of noise.
 
     Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``;
     ``d Phi/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c) + T' - I'``, the range rate, which is the carrier's;

@@ -1,4 +1,4 @@
-"""How strongly a vehicle's antennas receive each satellite: pattern, mounting, what the airframe hides."""
+"""The signal strength of each satellite at a vehicle's antennas: pattern, mounting, obstructions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HIDDEN_DBIC = -60.0  # behind the airframe: below any receiver's threshold
 
 @dataclass(frozen=True)
 class ReceivingAntenna:
-    """One antenna: its pattern between the nodes of its file, how it is turned, what hides its sky."""
+    """One antenna: its pattern between the nodes of its file, its orientation, its obstructions."""
 
     gain: RegularGridInterpolator  # of elevation and azimuth [deg], antenna axes
     C_ba: Float64  # (3, 3)

@@ -1,4 +1,4 @@
-"""Writes ephemerides as a RINEX 3.04 navigation file, GPS's and QZSS's, and rounds them to what the file holds.
+"""Writes ephemerides as a RINEX 3.04 navigation file, GPS's and QZSS's, and rounds them to the file's digits.
 
 The truth is computed from the rounded values, so the file is exact.
 """

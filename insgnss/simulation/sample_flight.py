@@ -131,7 +131,7 @@ def _numbers(model: ImuGrade | Oscillator) -> dict[str, float]:
 
 
 def note_of_origin(seed: int, duration_s: float, gnss: GnssTable, start: dt.datetime) -> str:
-    """Return the text of the folder's README: where the data come from and what was put into them."""
+    """Return the text of the folder's README: the origin and content of the data."""
     g, p, r = TACTICAL, PSEUDORANGE_NOISE, RANGE_RATE_NOISE
     fewest = int(np.unique(gnss.t_ns, return_counts=True)[1].min())
     return f"""\
@@ -177,7 +177,7 @@ drifts by 50 m/s.
 
 
 def main() -> None:
-    """Write the sample flight into the folder named on the command line and say what was written."""
+    """Write the sample flight into the folder named on the command line and print the files written."""
     parser = argparse.ArgumentParser(description="Write the sample flight into a folder.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=SEED)

@@ -1,4 +1,4 @@
-"""What disturbs signals on their way, beyond noise: reflections, wrong messages, air that is not as modelled.
+"""Signal errors beyond noise: reflections, wrong messages, atmosphere that differs from the model.
 
 Each source is a function that draws its part of code and carrier along the whole scenario; the range rate's part is
 the derivative of the carrier's.

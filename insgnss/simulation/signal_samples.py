@@ -73,7 +73,7 @@ def signal_sky(
     *,
     cn0_change_db: float = 0.0,
 ) -> SignalSky:
-    """Return the signals of a scenario's satellites above its horizon mask, by a clock drawn anew.
+    """Return the signals of a scenario's satellites above its horizon mask, with a newly drawn clock.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def _block(
     """Return the samples of the milliseconds ``first`` to ``last``."""
     rate = sampling.rate_hz
     border_s = np.arange(first, last + 1) * BORDER_S
-    # the first sample of each millisecond: samples stand at whole multiples of 1 / rate
+    # the first sample of each millisecond: samples are at whole multiples of 1 / rate
     number = np.ceil(border_s * rate - 1e-6).astype(np.int64)
     n = int(number[-1] - number[0])
     in_phase = np.zeros(n) if rng is None else rng.standard_normal(n)

@@ -28,7 +28,7 @@ class TrackingRules:
         """Return the observations that the receiver makes of signals of the given mean C/N0 (m, n).
 
         A signal counts as received from the first epoch if it is strong enough there. Every new beginning brings the
-        carrier a new ambiguity, which the indicator tells.
+        carrier a new ambiguity, which the indicator marks.
         """
         tracked = self.tracked(seen.tag_s, seen.tracked & (strength_dbhz >= self.threshold_dbhz))
         seen = replace(seen, tracked=tracked)

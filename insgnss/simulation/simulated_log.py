@@ -1,4 +1,4 @@
-"""A whole flight in memory: logs with errors, and beside them the truth that the logs hide.
+"""A whole flight in memory: logs with errors, and the truth behind them.
 
 The expensive part, the inertial truth, is computed once per ``Simulator``; each ``draw`` then costs only random numbers
 and the geometry of the GNSS epochs, which depends on the drawn clock.
@@ -38,7 +38,7 @@ class ClockStart:
 
 @dataclass(frozen=True)
 class Scenario:
-    """All that is certain about a simulated flight."""
+    """The truth of a simulated flight."""
 
     trajectory: Trajectory
     navigation: NavigationData

@@ -1,4 +1,4 @@
-"""Constellations to order: satellites that stand where a scenario wants them, and an evenly filled sky.
+"""Constellations to order: satellites placed where a scenario wants them, and an evenly filled sky.
 
 Orbits are nominal GPS orbits. Every other quantity of a message (eccentricity, harmonic corrections, clock, group
 delay) gets a value of its usual size, none is zero, so that an error in any term shows.
@@ -29,7 +29,7 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True)
 class SkyTrack:
-    """Where a satellite stands at the start and at the end of a scenario [deg]."""
+    """A satellite's direction at the start and at the end of a scenario [deg]."""
 
     number: int
     azimuth_deg: tuple[float, float]
@@ -68,7 +68,7 @@ def constellation_over(
     duration_s: float,
     toe_ns: int,
 ) -> NavigationData:
-    """Return satellites that stand at the start where the tracks say, on whichever orbit is nearer at the end.
+    """Return satellites that start where the tracks say, on whichever orbit is nearer at the end.
 
     Parameters
     ----------

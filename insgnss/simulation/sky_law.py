@@ -1,4 +1,4 @@
-"""Satellites that stand where a table says: azimuth and elevation linear in time, at the height of GPS.
+"""Satellites in the directions of a table: azimuth and elevation linear in time, at the height of GPS.
 
 For scenarios that give a sky instead of orbits. Such a satellite obeys no law of gravity, so no ephemeris describes it:
 its states go into the log's own rows.

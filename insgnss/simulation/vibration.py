@@ -15,13 +15,13 @@ import numpy as np
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 
-_FINER: Final = 4  # samples of a period at least, and of an interval: their mean stands for the interval's
+_FINER: Final = 4  # samples of a period at least, and of an interval: their mean represents the interval's
 _MOST_VALUES: Final = 60_000_000  # of the finer series that the interval means are taken from
 
 
 @dataclass(frozen=True)
 class VibrationSpectrum:
-    """One-sided power density between corners (straight lines in log-log), and sines; each axis alike."""
+    """One-sided power density between corners (straight lines in log-log), and sines; the same for each axis."""
 
     frequency_hz: tuple[float, ...] = ()  # of the corners, increasing
     density: tuple[float, ...] = ()  # [unit^2/Hz] at the corners; nothing outside of them

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # named for the other modules of this room, which draw throug
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
 
-# dark enough on white, and apart for eyes that do not tell red from green
+# dark enough on white, and distinct for the colour-blind
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#555555")
 _SHADE: Final = "#eeeeee"
 SHOWN_AROUND_S: Final = 30.0  # before and after an outage

@@ -327,7 +327,7 @@ def _first_covariance(simulator: Simulator, grade: ImuGrade) -> Float64:
 
 
 def error_state(m: StateRecord, log: SimulatedLog, epoch: int) -> Float64:
-    """Return estimate minus truth (17,) of a state that stands at a GNSS tag."""
+    """Return estimate minus truth (17,) of a state at a GNSS tag."""
     truth, e = log.at_gnss, np.zeros(N_STATES)
     e[DR : DR + 3] = m.r_e - truth.r_e[epoch]
     e[DV : DV + 3] = m.v_e - truth.v_e[epoch]

@@ -114,7 +114,7 @@ def acquire(
     Raises
     ------
     InputError : too few samples
-    ConfigError : a look that is no whole number of code periods, or a sampling that folds the signal
+    ConfigError : a look that is not a whole number of code periods, or a sampling that folds the signal
     """
     code = codes[0]
     farthest = abs(span.doppler_hz) + span.doppler_half_width_hz
@@ -152,12 +152,12 @@ def _looks_of(samples: SignalSamples, code: RangingCode, span: SearchSpan) -> _B
     if periods < 1 or abs(periods * code.period_s / span.coherent_s - 1.0) > 1e-6:
         advice = f"take a multiple of {code.period_s * 1e3:g} ms"
         raise ConfigError(
-            f"a look of {span.coherent_s * 1e3:g} ms is no whole number of code periods",
+            f"a look of {span.coherent_s * 1e3:g} ms is not a whole number of code periods",
             key="coherent_s",
             advice=advice,
         )
     n = round(code.period_s * rate)
-    # where a period is no whole number of samples, each begins at the nearest one: within half a sample
+    # where a period is not a whole number of samples, each begins at the nearest one: within half a sample
     first = np.rint(np.arange(span.looks * periods) * code.period_s * rate).astype(np.int64)
     if first[-1] + n > len(samples.in_phase):
         raise InputError(

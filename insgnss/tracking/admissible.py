@@ -66,7 +66,7 @@ def require_known(name: str, known: Iterable[str], key: str, what: str) -> str:
         return name
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.4)
     advice = f"nearest: '{near[0]}'" if near else f"known: {', '.join(names[:12])}"
-    raise ConfigError(f"'{name}' is no {what}", key=key, advice=advice)
+    raise ConfigError(f"unknown {what} '{name}'", key=key, advice=advice)
 
 
 def seeded(seed: int, key: int) -> np.random.Generator:
@@ -77,7 +77,7 @@ def seeded(seed: int, key: int) -> np.random.Generator:
     ConfigError : a negative seed
     """
     if seed < 0:
-        raise ConfigError(f"{seed} is no seed", key="seed", advice="give a whole number of 0 or more")
+        raise ConfigError(f"invalid seed {seed}", key="seed", advice="give a whole number of 0 or more")
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,)))
 
 
@@ -86,7 +86,7 @@ def linear_cn0_hz(cn0_dbhz: float) -> float:
 
     Raises
     ------
-    ConfigError : the ratio is no number, or so far from any receiver's that its unit must be wrong
+    ConfigError : the ratio is not a number, or so far from any receiver's that its unit must be wrong
     """
     require_within(
         *CN0_SPAN_DBHZ, "give C/N0 in dBHz (receivers see 10 to 60), not as a ratio", cn0_dbhz=cn0_dbhz

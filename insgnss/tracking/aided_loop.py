@@ -1,6 +1,6 @@
 """The loop aided by an inertial system (Shatilov 2009): optimum gains, bandwidth, threshold by quality of aiding.
 
-The aiding takes the motion out of the loop; what it has to follow is the drift of its oscillator and of the aiding's
+The aiding takes the motion out of the loop, which has to follow only the drift of its oscillator and of the aiding's
 error, dw_S = dw_osc - dw_INS, whose derivative has the one-sided density S_S = S_osc + S_INS. Everything here is the
 digital loop, from its Riccati equation; for small B T it becomes the paper's continuous one.
 """

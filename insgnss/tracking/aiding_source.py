@@ -21,7 +21,7 @@ from insgnss.tracking.channel_kernel import Aid
 
 @dataclass(frozen=True)
 class AidingSource:
-    """Samples of what a source says of the carrier phase's rate.
+    """Samples of a source's rate of the carrier phase.
 
     A source that is known ahead (a plan) is read between its samples; one that arrives (an inertial system) is held
     from its newest sample on, led on by its own acceleration where it has one, and is late by its latency.
@@ -44,10 +44,10 @@ class AidingSource:
             raise InputError("times and rates of the aiding do not fit", key="t_s", advice=advice)
         if not (np.all(np.isfinite(t)) and np.all(np.isfinite(rate))):
             advice = "leave samples out that are not numbers"
-            raise InputError("the aiding holds something that is no number", key="rate_radps", advice=advice)
+            raise InputError("the aiding has a value that is not finite", key="rate_radps", advice=advice)
 
     def rate_at(self, t_s: npt.ArrayLike) -> Float64:
-        """Return the rate that the loops are told at the times [rad/s].
+        """Return the aiding rate at the times [rad/s].
 
         Equation: newest sample with t_i + latency <= t: y_i + y'_i (t - t_i)
 

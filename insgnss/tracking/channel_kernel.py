@@ -30,7 +30,7 @@ class Truth(NamedTuple):
 
 
 class Aid(NamedTuple):
-    """What the loops are told, at the borders of the integrations, (n + 1, m): zeros where nothing is."""
+    """The aiding of the loops at the borders of the integrations, (n + 1, m): zeros where nothing is."""
 
     rate_radps: Float64  # taken over into the replica's frequency
     acceleration_radps2: Float64  # added to the loop's own rate

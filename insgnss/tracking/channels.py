@@ -44,7 +44,7 @@ from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 # integrations whose noise is drawn at once: 200 kB for a channel, few enough for the cache
 _BLOCK: Final = 4096
 _NO_ASSISTANCE: Final = "none"
-Progress = Callable[[int], None]  # is told how many integrations of a channel are done
+Progress = Callable[[int], None]  # is called with the number of integrations done of a channel
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ChannelDesign:
         return self.carrier.step_s
 
     def gains(self) -> ChannelGains:
-        """Return what the kernel needs."""
+        """Return the kernel's inputs."""
         a = signal_ratio(self.cn0_dbhz, self.step_s)
         correlators = Correlators(self.spacing_chips)
         slopes = [PhaseDiscriminator(self.phase_kind).slope(a), 1.0]
@@ -153,7 +153,7 @@ def scene(
     phase = np.asarray(phase_rad, float)
     if phase.ndim != 2 or phase.shape[0] < 2 or not np.all(np.isfinite(phase)):
         advice = "give finite phases (n + 1, m): borders of the integrations by channels"
-        raise ConfigError(f"phases of shape {phase.shape} are no scene", key="phase_rad", advice=advice)
+        raise ConfigError(f"phases of shape {phase.shape} are not a scene", key="phase_rad", advice=advice)
     n, m = phase.shape[0] - 1, phase.shape[1]
     cn0 = np.array(np.broadcast_to(np.asarray(cn0_dbhz, float), (n, m)))
     if not np.all((cn0 >= CN0_SPAN_DBHZ[0]) & (cn0 <= CN0_SPAN_DBHZ[1])):
@@ -206,8 +206,8 @@ class ChannelHistory:
 class InitialLoopErrors:
     """Errors of the loops at the start, replica minus truth.
 
-    A rate of None leaves it to the aiding: the loop's own rate begins at zero where it is told one, and without error
-    where it is not.
+    A rate of None leaves it to the aiding: the loop's own rate begins at zero where the aiding gives one, and
+    without error where it does not.
     """
 
     phase_rad: npt.ArrayLike = 0.0  # (m,) or one for all; also the two others

@@ -78,7 +78,7 @@ def lfsr(taps: tuple[int, ...], start: str, length: int, stage: int) -> Int8:
     size = len(start)
     if not re.fullmatch("[01]+", start) or "1" not in start:
         advice = "give one 0 or 1 for each stage, not all of them 0: that state repeats for ever"
-        raise ConfigError(f"'{start}' is no start of a shift register", key="start", advice=advice)
+        raise ConfigError(f"invalid start '{start}' of a shift register", key="start", advice=advice)
     if not taps or not all(1 <= s <= size for s in (*taps, stage)):
         advice = f"stages are counted from 1 to {size}"
         raise ConfigError(f"taps {taps} and output {stage} are not all stages", key="taps", advice=advice)

@@ -85,7 +85,7 @@ def nonlinear_transient(
     for k in range(count):
         found[k] = error
         rate = error[..., 1] / radian_m
-        # the state stands in the middle of the integration, the correlators count phase from its beginning
+        # the state is at the middle of the integration, the correlators count phase from its beginning
         begin = error[..., PHASE] / radian_m - 0.5 * rate * T
         Z = correlators.mean(a, error[..., CODE] / chip_m, begin, rate, T)
         Z = Z if rng is None else correlators.draw(Z, a, rng)

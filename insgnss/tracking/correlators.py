@@ -16,7 +16,7 @@ from insgnss.tracking.codes import triangle
 Complex = npt.NDArray[np.complex128]
 Correlation = Callable[[npt.ArrayLike], Float64]
 EARLY, PROMPT, LATE = 0, 1, 2
-# beyond it the outer replicas have left the peak when the prompt one stands on it
+# beyond it the outer replicas have left the peak when the prompt one is on it
 _SPACING_LIMIT: Final = 2.0
 
 
@@ -29,7 +29,7 @@ def replica_offsets(spacing_chips: float) -> Float64:
 
     Raises
     ------
-    ConfigError : the outer replicas would not stand on the peak
+    ConfigError : the outer replicas would not be on the peak
     """
     require_within(
         1e-3,

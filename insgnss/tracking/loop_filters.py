@@ -83,7 +83,7 @@ class LoopFilter:
         """Return the steady covariance of x~ from the phase observation's noise and, where given, from the process.
 
         Equation: P = A P A^T + b b^T var y + Q, A = F (I - L H), b = F L; a frequency discriminator sees the difference
-                  of two observations over T, so that its noise is no new one and the state is lengthened by the last
+                  of two observations over T, so that its noise is correlated and the state is extended by the last
                   observation                                                                       [Lyapunov]
         """
         A, b = self._driven()

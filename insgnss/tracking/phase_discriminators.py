@@ -24,7 +24,7 @@ from insgnss.tracking.discriminators import phase_harmonics, wrapped_mean, wrapp
 class PhaseDiscriminator:
     """One phase discriminator.
 
-    The offset is the mean phase offset over the integration: where the frequency is off by w it stands for
+    The offset is the mean phase offset over the integration: where the frequency is off by w it is the phase at
     e_phi + w T/2, so that the zero crossing in terms of e_phi shifts to -w T/2.
     """
 

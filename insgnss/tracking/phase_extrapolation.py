@@ -1,4 +1,4 @@
-"""Extrapolation of a carrier phase over one integration, from what a navigation filter knows of user and satellite.
+"""Extrapolation of a carrier phase over one integration, from a navigation filter's state of user and satellite.
 
 A replica that the filter steers gets its phase from velocities, never from ranges: a range of 2e7 m read twice would
 add its rounding, and a correction of the position would step the phase. The sum of the steps must follow the range for

@@ -43,15 +43,15 @@ def planned_source(
 
     Raises
     ------
-    InputError : too few points, times that do not grow, ranges that are no numbers
+    InputError : too few points, times that do not grow, ranges that are not numbers
     """
     require_positive(carrier_hz=carrier_hz, step_s=step_s)
     t, distance = np.asarray(t_s, float), np.asarray(range_m, float)
     if t.ndim != 1 or t.shape != distance.shape or len(t) < _LEAST_POINTS or np.any(np.diff(t) <= 0.0):
         advice = f"give at least {_LEAST_POINTS} ranges at strictly increasing times"
-        raise InputError("the plan is no profile", key="t_s", advice=advice)
+        raise InputError("the plan is not a valid profile", key="t_s", advice=advice)
     if not (np.all(np.isfinite(t)) and np.all(np.isfinite(distance))):
-        raise InputError("the plan holds something that is no number", key="range_m", advice="leave it out")
+        raise InputError("the plan has a value that is not finite", key="range_m", advice="leave it out")
     fine = np.linspace(t[0], t[-1], max(2, round((t[-1] - t[0]) / step_s) + 1))
     rate = interpolate.CubicSpline(t, distance)(fine, 1)
     return AidingSource(

@@ -194,7 +194,7 @@ class SampleChannels:
 
     Raises
     ------
-    ConfigError : an integration that is no whole number of code periods, or that does not divide a data bit
+    ConfigError : an integration that is not a whole number of code periods, or that does not divide a data bit
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class SampleChannels:
         ----------
         sample : from which on its samples are there
         pseudorange_s : at that sample, the whole number of code periods known
-        own_rate_radps : of the carrier phase, less what the aiding tells
+        own_rate_radps : of the carrier phase, less the aiding
         pull_in_s : for how long the gains of the pull-in are used
         """
         s, x = self._scale, self.state[channel]
@@ -280,7 +280,7 @@ class SampleChannels:
         track_samples(buffer, until, self._loops, aiding, self.state, self.records, self.written)
 
     def reading(self, channel: int, sample: float) -> ReplicaReading | None:
-        """Return what the replica shows at a sample of its last integration, before that corrects the loops.
+        """Return the replica's state at a sample of its last integration, before that corrects the loops.
 
         The rate is led from the integration's middle by the derivative that the loop and its aiding have: at 4 g and
         5 ms it would be 0.2 m/s late. None where the channel is closed, or has no integration there.

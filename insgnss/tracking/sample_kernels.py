@@ -1,6 +1,6 @@
 """The two loops over samples: a signal added to a buffer, and a buffer correlated with replicas.
 
-Phases are anchored anew every 64 samples and turned by a constant rotation between, so that rounding does not grow.
+Phases are re-anchored every 64 samples and turned by a constant rotation between, so that rounding does not grow.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8
 
-_LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip
+_LARGEST_PHASE: Final = 1e15  # [chips]; a double then resolves an eighth of a chip
 _ROTATION_BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
 
 
 @kernel(inline=True)
 def has_places(chip_phase: float, chip_step: float, n: int, length: int) -> bool:
-    """Return whether ``n`` samples' code phases [chips] are numbers that tell a chip of a code of some length.
+    """Return whether ``n`` samples' code phases [chips] are numbers that resolve a chip of a code of some length.
 
     A sample is no longer than a period of the code, runs forward, and no phase is so large that its chip is lost.
     """

@@ -183,7 +183,7 @@ def correlate(
     """Return early, prompt and late correlators, (3,), scaled to the mean and variance a = 2 q T.
 
     Equation: Z = A / sigma_n^2 sum y h(t - tau~ - d) exp(-j theta~)                                      [(1.10)]
-    The replicas stand at any delay, whole samples or not.
+    The replicas may have any delay, whole samples or not.
 
     Parameters
     ----------

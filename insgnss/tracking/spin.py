@@ -1,4 +1,4 @@
-"""A spinning vehicle: an antenna beside the spin axis of a sounding rocket, and loops with the axial gyro or without.
+"""A spinning vehicle: an antenna off the spin axis of a sounding rocket, and loops with the axial gyro or without.
 
 The phase centre at a radius turns with the body; along the line of sight, which makes an angle theta with the axis, the
 carrier phase swings by beta sin theta, beta = 2 pi rho / lambda.
@@ -99,7 +99,7 @@ def loop_error_rad(spin: Spin, loop: LoopFilter, amplitude_rad: float | None = N
     Parameters
     ----------
     spin, loop : which
-    amplitude_rad : what is left of the swing, all of it unless compensated
+    amplitude_rad : the remaining swing, all of it unless compensated
     """
     size = spin.amplitude_rad if amplitude_rad is None else amplitude_rad
     return size * float(abs(1.0 - loop.response(spin.rate_hz)))

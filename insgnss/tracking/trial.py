@@ -130,7 +130,7 @@ def assess(simulation: ChannelSimulation, history: ChannelHistory) -> Assessment
 
     Raises
     ------
-    ConfigError : the carrier loop is a frequency loop, whose phase nobody holds
+    ConfigError : the carrier loop is a frequency loop, which does not track phase
     """
     design, T = simulation.design, simulation.design.step_s
     if isinstance(design.carrier, FrequencyLoop):

@@ -8,9 +8,9 @@ Offsets are truth minus replica in metres of range and metres per second, as a n
   ``u_f = Im(Z1* Z2)``, and a delay discriminator over the whole of it, ``|L|^2 - |E|^2``
 
 An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
-output at no offset. Slopes and variances depend on C/N0 and stand in a table with a row for each 0.02 dB
-(``observation_table``): no formula of a discriminator is repeated here. Where the told C/N0 is not the true one, the
-gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
+output at no offset. Slopes and variances depend on C/N0 and are in a table with a row for each 0.02 dB
+(``observation_table``): no formula of a discriminator is repeated here. Where the assumed C/N0 is not the true one,
+the gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class ChannelConstants(NamedTuple):
     offsets: Float64  # (3,) delays of early, prompt, late [chips]
     noise_factor: Float64  # (3, 3) of their noise
     table: Float64  # (levels, 7) of C/N0 from the least on
-    with_code: bool = False  # beside the phase
+    with_code: bool = False  # besides the phase
 
 
 def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:
@@ -193,7 +193,7 @@ def observe_channel(
     noise : (2,), (12,) or (6,) independent normal numbers
     seen : (4,) observed range and rate, the prompt replica's power, and the code's range beside a phase, out
     """
-    # the front end keeps the noise level: correlators are scaled as if the told C/N0 were the true one
+    # the front end keeps the noise level: correlators are scaled as if the assumed C/N0 were the true one
     scale = channels.table[max(told, 0), RATIO]
     a = math.sqrt(scale * channels.table[arriving, RATIO]) if arriving >= 0 else 0.0
     sigma = math.sqrt(scale)

@@ -107,7 +107,7 @@ def test_filter_file_has_the_settings_and_the_argument_has_the_rate(tmp_path: Pa
 
 def test_impossible_rate_is_an_error() -> None:
     for wrong in (0.0, -5.0, np.nan, "fast"):
-        with pytest.raises(ConfigError, match="no rate"):
+        with pytest.raises(ConfigError, match="invalid aiding rate"):
             insgnss.replay(flight(turns(SECONDS)), aiding=wrong)  # type: ignore[arg-type]
 
 

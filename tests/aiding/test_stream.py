@@ -162,7 +162,7 @@ def test_reader_that_goes_is_told_and_forgotten() -> None:
 
     details = [e.detail for e in stream.events if e.kind == "aiding_reader"]
     assert len(details) == 2
-    assert details[1].endswith("has gone")
+    assert details[1].endswith("disconnected")
 
 
 def test_address_in_use_is_an_error_with_advice() -> None:
@@ -173,5 +173,5 @@ def test_address_in_use_is_an_error_with_advice() -> None:
 def test_line_of_another_version_is_refused() -> None:
     with pytest.raises(ConfigError, match="version 1"):
         decode(b'{"aiding":2}\n')
-    with pytest.raises(ConfigError, match="no aiding message"):
+    with pytest.raises(ConfigError, match="not an aiding message"):
         decode(b'{"aiding":1,')

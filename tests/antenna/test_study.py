@@ -388,7 +388,7 @@ def sorted_by_name(values: np.ndarray) -> np.ndarray:
         (["-a", "nowhere.csv"], 3, "file not found"),
         ([], 2, "no antenna is known"),
         (["-a", "patch_l1", "--format", "xml"], 2, "parquet"),
-        (["-a", "patch_l1", "--step", "-1"], 2, "no step"),
+        (["-a", "patch_l1", "--step", "-1"], 2, "invalid step"),
     ],
 )
 def test_command_answers_wrong_options_with_an_error(options: list[str], code: int, words: str) -> None:

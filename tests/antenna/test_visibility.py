@@ -261,7 +261,7 @@ def test_mounting_by_angles_and_by_matrix_agree() -> None:
     ],
 )
 def test_mounting_that_is_no_rotation_is_refused(rows: tuple[tuple[float, float, float], ...]) -> None:
-    with pytest.raises(ValueError, match="no rotation"):
+    with pytest.raises(ValueError, match="not a rotation"):
         MountedAntenna(pattern="isotropic", mounting_matrix=rows)
 
 

@@ -221,7 +221,7 @@ def test_gyros_that_are_half_there_are_told() -> None:
         with_gyros.predicted(state)
     with pytest.raises(ConfigError, match="go together"):
         model(parameters="rotation").predicted(state, np.zeros(3))
-    with pytest.raises(ConfigError, match="are none"):
+    with pytest.raises(ConfigError, match="invalid increments"):
         with_gyros.predicted(state, [0.0, np.nan, 0.0])
     with pytest.raises(ConfigError, match="parameters of a rotation"):
         model(increment_noise=1e-8)

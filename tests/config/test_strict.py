@@ -241,4 +241,4 @@ def test_number_that_nothing_has_names_key_and_line(tmp_path: Path, number: str)
     )
 
     assert error.key == "imu.mounting_matrix"
-    assert "no size that any setting has" in error.message
+    assert "too large or too small for any setting" in error.message

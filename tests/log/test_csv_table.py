@@ -106,7 +106,7 @@ def test_degree_signs_and_powers_in_names_are_found(tmp_path: Path, encoding: st
     assert (table.lines is not None) == bad_row
     told = [event for event in table.events if event.kind == "csv_encoding"]
     assert len(told) == (encoding == "cp1252")
-    assert all("log.csv:1: the header is no UTF-8, read as cp1252" in event.detail for event in told)
+    assert all("log.csv:1: the header is not UTF-8, read as cp1252" in event.detail for event in told)
 
 
 def test_missing_column_of_a_header_in_cp1252_is_named_with_the_nearest(tmp_path: Path) -> None:

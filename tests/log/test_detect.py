@@ -57,9 +57,9 @@ def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format
         (b"$GPGGA,123519,4807.038,N*47\r\n", "NMEA"),
         (b"\xd3\x00\x13\x3e", "RTCM"),
         (b"time_s,sv\n1,G05\n", "CSV"),
-        (b"\x00" * 50, "empty"),
-        (ubx()[:-1] + b"\x00", "formats"),
-        (SBF[:-4], "formats"),
+        (b"\x00" * 50, "no header of a known format"),
+        (ubx()[:-1] + b"\x00", "no header of a known format"),
+        (SBF[:-4], "no header of a known format"),
     ],
 )
 def test_unknown_content_is_refused_with_a_hint(tmp_path: Path, data: bytes, hint: str) -> None:

@@ -1,4 +1,4 @@
-"""Many events of one kind: the first told one by one, the others counted."""
+"""Many events of one kind: the first reported one by one, the others counted."""
 
 from __future__ import annotations
 

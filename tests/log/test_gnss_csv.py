@@ -233,7 +233,7 @@ def test_pseudoranges_in_another_unit_are_an_error(tmp_path: Path, factor: float
 
 
 def test_pseudorange_column_of_words_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ColumnError, match="no number at all"):
+    with pytest.raises(ColumnError, match="holds no numbers"):
         read(
             tmp_path,
             gnss_lines(),

@@ -57,7 +57,7 @@ def test_header_is_skipped(tmp_path: Path) -> None:
     ("content", "options", "words"),
     [
         (b"", {}, "is empty"),
-        (b"123", {}, "no whole number of complex int8 samples"),
+        (b"123", {}, "not a whole number of complex int8 samples"),
         (b"123456", {"sample_type": "int16"}, "samples of 4 bytes"),
         (b"1234", {"skip_bytes": 4}, "ends before byte 4"),
     ],

@@ -89,7 +89,8 @@ def test_binary_messages_among_ascii_are_read_without_the_library(tmp_path: Path
     assert len(np.unique(log.gnss.t_ns)) == 2 and len(log.gnss.t_ns) == 2 * len(SKY)
     told = {event.kind: event.detail for event in log.events}
     assert (
-        "novatel_checksum" in told and f"of {len(data)} bytes are no NovAtel" in told["novatel_foreign_bytes"]
+        "novatel_checksum" in told
+        and f"of {len(data)} bytes are not NovAtel" in told["novatel_foreign_bytes"]
     )
     assert "novatel_compressed" not in told
 

@@ -17,7 +17,7 @@ FIRST = next(line for line in HEADER.splitlines() if "TIME OF FIRST OBS" in line
 @pytest.mark.parametrize(
     "spoilt, told",
     [
-        (HEADER.replace(FIRST, (" " + FIRST[:59]).ljust(60) + FIRST[60:]), "TIME OF FIRST OBS: written anew"),
+        (HEADER.replace(FIRST, (" " + FIRST[:59]).ljust(60) + FIRST[60:]), "TIME OF FIRST OBS: rewritten"),
         (HEADER.replace(FIRST, SLOTS + FIRST), "GLONASS SLOT / FRQ #: left out: 3 R11"),
     ],
 )

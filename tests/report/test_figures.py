@@ -78,11 +78,11 @@ def test_figures_that_the_run_has_nothing_for_are_refused(tmp_path: Path) -> Non
 
     with pytest.raises(ResultError, match="no reference"):
         figures.errors(run)
-    with pytest.raises(ConfigError, match="no group"):
+    with pytest.raises(ConfigError, match="unknown group"):
         figures.errors(made_run(), "clock")
     with pytest.raises(ResultError, match="no carrier_difference was used"):
         figures.innovations(run, "carrier_difference")
-    with pytest.raises(ConfigError, match="no form"):
+    with pytest.raises(ConfigError, match="unsupported figure format"):
         figures.save(figures.track(run), tmp_path / "track.xyz")
 
 

@@ -44,8 +44,8 @@ def test_summary_names_trouble_by_its_number_and_not_what_is_none() -> None:
     text = said(with_events(made_run(), "start", "imu_gap", "imu_gap", "reset"))
 
     assert "imu gap (2), reset (1)" in text
-    assert "Nothing went wrong" not in text
-    assert "Nothing went wrong" in said(with_events(made_run(), "start", "heading_known"))
+    assert "No gaps, resets or clock jumps." not in text
+    assert "No gaps, resets or clock jumps." in said(with_events(made_run(), "start", "heading_known"))
 
 
 def test_summary_tells_errors_of_known_size() -> None:
@@ -56,7 +56,7 @@ def test_summary_tells_errors_of_known_size() -> None:
 
     text = said(run)
 
-    assert "within 5 m half of the time, 5 m 95 % of it, 5 m at worst; the height within 2 m" in text
+    assert "within 5 m (50 %), 5 m (95 %), 5 m at worst; the height is within 2 m (95 %)" in text
     # sqrt((9 + 16) / 2)
     assert "horizontal errors are 3.5 times their sigma (rms of error over sigma 3.54, 1 is right)" in text
 
@@ -70,7 +70,7 @@ def test_summary_tells_a_constant_offset_apart() -> None:
     text = said(run)
 
     assert "one constant offset, 6 m north, 8 m west, 2 m up" in text
-    assert "About it the horizontal position is within 0.5 m half of the time" in text
+    assert "Without this offset the horizontal position is within 0.5 m (50 %)" in text
     assert "rms of error over sigma 0.707" in text  # sqrt((0.09 + 0.16) / 2) / 0.5
 
 
@@ -88,7 +88,7 @@ def test_summary_without_a_reference_tells_the_sigma() -> None:
     run = made_run(reference=False)
     run.nav["sd_n_m"], run.nav["sd_e_m"] = 0.6, 0.8
 
-    assert "by its own account the position is good to 1 m horizontally" in said(run)
+    assert "By the filter's own sigma the position is good to 1 m horizontally" in said(run)
 
 
 def test_satellite_with_two_signals_counts_once() -> None:

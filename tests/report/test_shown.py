@@ -91,7 +91,7 @@ def test_runs_are_compared_by_filter_folder_or_given_name(tmp_path: Path) -> Non
     assert (insgnss.compare(first, second).write(tmp_path / "page.html")).stat().st_size > 10_000
     with pytest.raises(ResultError, match="needs two runs"):
         insgnss.compare(first)
-    with pytest.raises(ResultError, match="one name"):
+    with pytest.raises(ResultError, match="have the same name"):
         insgnss.compare(tmp_path / "one", one=second)
 
 

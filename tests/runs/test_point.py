@@ -168,7 +168,7 @@ def test_missing_inertial_log_does_not_matter(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -1e-3, float("nan")])
 def test_probability_that_is_none_is_a_typed_error(path: Path, value: float) -> None:
-    with pytest.raises(ConfigError, match="no probability"):
+    with pytest.raises(ConfigError, match="not a probability"):
         point(path, false_alarm=value)
 
 

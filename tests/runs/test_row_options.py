@@ -77,7 +77,7 @@ def test_file_of_times_that_is_none_is_an_error(tmp_path: Path) -> None:
 def test_options_that_contradict_each_other_are_an_error() -> None:
     with pytest.raises(ConfigError, match="twice"):
         rows_wanted("imu", Path("times.csv"), None, quaternion=False, covariance=False)
-    with pytest.raises(ConfigError, match="is no point"):
+    with pytest.raises(ConfigError, match="invalid point"):
         point_of("1,2,x")
     assert point_of("camera") == "camera"
     assert point_of("1,-2.5,3") == [1.0, -2.5, 3.0]

@@ -192,11 +192,11 @@ def test_rows_at_times_are_those_of_the_filter_at_these_times() -> None:
     ("times", "told"),
     [
         ([START_S + 5.0, START_S + 4.0], "do not increase"),
-        ([START_S + 5.0, float("nan")], "no list of numbers"),
-        ([], "no list of numbers"),
-        (["noon"], "no list of numbers"),
-        ([START_S, [START_S + 1.0]], "no list of numbers"),
-        ([START_S + 5.0, 1e300], "no seconds"),
+        ([START_S + 5.0, float("nan")], "not a list of numbers"),
+        ([], "not a list of numbers"),
+        (["noon"], "not a list of numbers"),
+        ([START_S, [START_S + 1.0]], "not a list of numbers"),
+        ([START_S + 5.0, 1e300], "not seconds"),
         ([START_S - 50.0, START_S - 40.0], "no output time"),
     ],
 )
@@ -266,7 +266,7 @@ def test_point_has_a_name_of_the_flight_file() -> None:
         ConfigError, match="no point 'radar' in the flight file; it names 'antenna', 'camera'"
     ):
         insgnss.replay(named, point="radar")
-    with pytest.raises(ConfigError, match="no point of the body"):
+    with pytest.raises(ConfigError, match="invalid point of the body"):
         insgnss.replay(named, point=(1.0, 2.0))
-    with pytest.raises(ConfigError, match="no point of the body"):
+    with pytest.raises(ConfigError, match="invalid point of the body"):
         insgnss.replay(named, point=(1.0, 2.0, 1e9))

@@ -183,7 +183,7 @@ def test_swapped_cables_are_named_and_nothing_is_used(tmp_path: Path) -> None:
 
     told = events(run, "attitude_antennas_swapped")
     assert len(told) == 1
-    assert "the log of 'ahead' fits the place of 'right'" in told[0]
+    assert "the log of 'ahead' fits the position of 'right'" in told[0]
     assert "used" not in differences(run)
     assert run.nav["sd_yaw_deg"].iloc[-1] > 20.0
 
@@ -226,7 +226,7 @@ def test_check_says_which_angle_is_lost(tmp_path: Path) -> None:
 
     result = CliRunner().invoke(app, ["check", str(path)])
 
-    assert "the antennas stand on one line: the rotation about body axes (1, 0, 0) (roll)" in result.output
+    assert "the antennas are on one line: the rotation about body axes (1, 0, 0) (roll)" in result.output
     assert "antenna ahead: phases of 11 to 11 satellites" in result.output
     assert result.exit_code == 0
 

@@ -189,7 +189,7 @@ def test_almanac_puts_the_satellites_where_they_are_and_replays(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
-    [("SQRT(A)", "SQRT(B)", "sqrt"), (".", "x", "no number"), ("ID:", "NAME:", "no YUMA")],
+    [("SQRT(A)", "SQRT(B)", "sqrt"), (".", "x", "not a valid almanac value"), ("ID:", "NAME:", "not a YUMA")],
 )
 def test_damaged_almanac_is_told(old: str, new: str, told: str, tmp_path: Path) -> None:
     eph = simulate("at_rest", duration_s=2.0).log.navigation.ephemerides

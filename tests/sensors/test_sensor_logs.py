@@ -65,7 +65,7 @@ def test_magnetometer_is_turned_into_the_body(tmp_path: Path) -> None:
 
 
 def test_left_handed_magnetometer_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no rotation"):
+    with pytest.raises(ConfigError, match="not a rotation"):
         read(tmp_path, "time_s,mag_x,mag_y,mag_z\n1,1,2,3\n", "magnetometer", axes=["+y", "+x", "+z"])
 
 

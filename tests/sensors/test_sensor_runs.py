@@ -177,7 +177,7 @@ def test_wheel_that_slips_is_refused_and_named() -> None:
     odometer = simulated("odometer", rate_hz=2.0, lever_arm_m=LEVER, noise_mps=0.1, noise_time_s=1.0)
     sound, spoilt = faulty(base, odometer, fault("slip", 72.0, 86.0))
 
-    assert "'odometer' is refused" in told(spoilt, "sensor_refused")
+    assert "'odometer' has been refused" in told(spoilt, "sensor_refused")
     assert "slips" in told(spoilt, "sensor_refused")
     assert "agrees" in told(spoilt, "sensor_agrees")
     assert told(sound, "sensor_refused") == ""
@@ -193,7 +193,7 @@ def test_draught_through_a_window_is_refused_and_the_height_stays() -> None:
     barometer = simulated("barometer", rate_hz=2.0)
     sound, spoilt = faulty(base, barometer, fault("draught", 50.0, 75.0, size_hpa=0.8))
 
-    assert "'barometer' is refused" in told(spoilt, "sensor_refused")
+    assert "'barometer' has been refused" in told(spoilt, "sensor_refused")
     assert furthest(sound, spoilt, ("d_m",), 10.0) < 1.0  # of 6.7 m
     late = spoilt.measurements.query("kind == 'barometer' and time_s > @START_S + 80.0")
     assert (late["status"] == "used").mean() > 0.9
@@ -219,7 +219,7 @@ def test_heading_that_stands_still_in_a_turn_is_found_and_refused() -> None:
     _, spoilt = faulty(base, simulated("heading", rate_hz=2.0), fault("frozen", 25.0, 55.0, sensor="heading"))
 
     assert "'heading' repeats one value for 3" in told(spoilt, "sensor_frozen")
-    assert "'heading' is refused" in told(spoilt, "sensor_refused")
+    assert "'heading' has been refused" in told(spoilt, "sensor_refused")
     assert worst_ratio(spoilt, ("yaw_deg",), 10.0) < 4.5
 
 

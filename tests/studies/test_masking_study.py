@@ -180,7 +180,7 @@ def test_wrong_requests_are_told() -> None:
 
     with pytest.raises(ConfigError, match="hides no satellite"):
         masking_study(scenario.model_copy(update={"bank": level}), runs=1)
-    with pytest.raises(ConfigError, match="0 runs"):
+    with pytest.raises(ConfigError, match="number of runs 0"):
         masking_study(runs=0)
 
 

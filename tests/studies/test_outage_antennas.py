@@ -91,7 +91,7 @@ def test_outage_of_the_differences_alone_costs_heading_and_no_position(at_rest: 
     assert at_end(everything, "sd_position_m") > 0.5
     assert at_end(everything, "sd_attitude_deg") > at_end(alone, "sd_attitude_deg")
     assert alone.windows["n_taken"].iloc[0] == 15 * 2 * 11
-    # the cycles of a phase that was away are looked for anew
+    # the cycles of a phase that was away are searched again
     assert alone.windows["events"].iloc[0] == everything.windows["events"].iloc[0].split(", ")[-1]
 
 

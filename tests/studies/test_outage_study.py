@@ -233,7 +233,7 @@ def test_satellite_that_the_log_lacks_is_refused_by_name(removal: Removal, key: 
     with pytest.raises(ConfigError) as caught:
         outage_study(flown(), [WINDOW], removal)
     assert caught.value.key == key
-    with pytest.raises(ConfigError, match="no kind"):
+    with pytest.raises(ConfigError, match="unknown kind"):
         Removal(kinds=("range",))
 
 

@@ -150,5 +150,5 @@ def test_campaign_of_receivers_gives_the_runs_of_the_study(tmp_path: Path) -> No
 def test_case_of_a_receiver_with_an_unknown_key_or_receiver_says_so() -> None:
     with pytest.raises(ConfigError, match="no key 'cno'"):
         receiver({"cno": 40.0}, 1)
-    with pytest.raises(ConfigError, match="is no receiver"):
+    with pytest.raises(ConfigError, match="unknown receiver"):
         receiver({"variant": "two", "duration_s": 12.0, "settle_s": 6.0}, 1)

@@ -85,7 +85,7 @@ def test_masking_without_antennas_or_attitude_is_refused() -> None:
             "imu": "tactical",
             "runs": 1,
         }
-        with pytest.raises(ConfigError, match="which satellites are hidden") as error:
+        with pytest.raises(ConfigError, match="hidden satellites cannot be determined") as error:
             receiver_study("masked_bank", options=options(masking=True), **{**usual, **asked})  # type: ignore[arg-type]
         assert error.value.key == "masking"
 

@@ -52,7 +52,7 @@ def test_every_number_of_the_file_names_its_source() -> None:
         ("until_s = 100.0", "until_s = 60.0", "outage", "until_s must be later than from_s"),
         ("until_s = 100.0", "until_s = 1300.0", "outage", "within the scenario"),
         ('sv = ["G01", "G16",', 'sv = ["G03", "G16",', "outage", "G03 is not"),
-        ('{ sv = "G02"', '{ sv = "G01"', "satellites", "G01 stands twice"),
+        ('{ sv = "G02"', '{ sv = "G01"', "satellites", "G01 appears twice"),
         ("offset_m = [20.0, 60.0]", "offset_m = [60.0, 20.0]", "false_locks", r"must be \[least, most\]"),
         ("duration_s = 240.0 ", "duration_s = 101.0 ", "flight", "roll in before the outage"),
         ("roll_deg = -43.5", 'roll_deg = "left"', "bank.roll_deg", "expected a number"),

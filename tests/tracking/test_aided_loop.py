@@ -258,10 +258,10 @@ def test_planned_profile_is_worth_what_its_density_is() -> None:
     ("make", "word"),
     [
         (lambda: AidingSource(np.array([0.0, 0.0]), np.zeros(2)), "strictly increasing"),
-        (lambda: AidingSource(np.array([0.0, 1.0]), np.array([0.0, np.nan])), "no number"),
+        (lambda: AidingSource(np.array([0.0, 1.0]), np.array([0.0, np.nan])), "not finite"),
         (lambda: AidingSource(np.zeros(1), np.zeros(1), latency_s=0.5).rate_at([0.2]), "no aiding"),
         (lambda: planned_source([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], L1_HZ, 1.0), "at least 4"),
-        (lambda: planned_source([0.0, 1.0, 2.0, 3.0], [1.0, np.nan, 2.0, 3.0], L1_HZ, 1.0), "no number"),
+        (lambda: planned_source([0.0, 1.0, 2.0, 3.0], [1.0, np.nan, 2.0, 3.0], L1_HZ, 1.0), "not finite"),
         (
             lambda: aid_from([[planned_source([0.0, 1.0, 2.0, 3.0], np.ones(4), L1_HZ, 1.0)]], 5000, 1e-3),
             "reaches from 0 to 3 s",

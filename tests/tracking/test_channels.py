@@ -206,10 +206,10 @@ def test_twelve_channels_run_for_ten_seconds(benchmark: Callable[..., object]) -
             "half there",
         ),
         (lambda: design("costas"), "phase discriminator"),
-        (lambda: scene(np.zeros(5), 45.0), "no scene"),
-        (lambda: scene(np.full((5, 1), np.nan), 45.0), "no scene"),
+        (lambda: scene(np.zeros(5), 45.0), "not a scene"),
+        (lambda: scene(np.full((5, 1), np.nan), 45.0), "not a scene"),
         (lambda: scene(np.zeros((5, 1)), [[45.0], [45.0], [math.nan], [45.0]]), "makes no sense"),
-        (lambda: ChannelSimulation(design(), scene(STILL, 45.0)).run(-1), "no seed"),
+        (lambda: ChannelSimulation(design(), scene(STILL, 45.0)).run(-1), "invalid seed"),
         (lambda: scene(np.zeros((5, 1)), 45.0, sign=np.zeros((4, 1), np.int8)), "signs do not fit"),
         (lambda: data_signs(10, 1, 3e-3, 0.02, np.random.default_rng(1)), "do not fill"),
         (

@@ -75,7 +75,7 @@ def test_command_prints_the_same_numbers_for_any_number_of_threads() -> None:
         (["--time", "nan"], "at least one integration"),
         (["--channels", "0"], "channels"),
         (["--time", "1e6"], "fill the memory"),
-        (["--seed", "-3"], "no seed"),
+        (["--seed", "-3"], "invalid seed"),
         (["--order", "5"], "take 1, 2 or 3"),
         (["--spacing", "3"], "see the peak"),
         (["--threads", "0"], "at least one"),

@@ -1,1 +1,1 @@
-"""Several antennas in the filter: phase differences as rows, their integers, what the airframe hides."""
+"""Several antennas in the filter: phase differences as rows, their integers, the airframe's obstructions."""

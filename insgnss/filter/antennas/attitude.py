@@ -2,11 +2,11 @@
 
 After the epoch's own rows each difference between two antennas enters as a scalar of its own, per baseline and
 satellite. Whole cycles are resolved outside of the state vector: at first by a search over all attitudes that the
-filter leaves (``attitude.cycle_search``), found alike in several epochs before they are believed; then, satellite by
+filter leaves (``attitude.cycle_search``), accepted once several epochs agree on them; then, satellite by
 satellite, by rounding where the predicted difference is certain enough. What is not certain is not used, and a
-difference that contradicts the prediction by whole cycles is refused, told, and resolved anew.
+difference that contradicts the prediction by whole cycles is refused, reported, and resolved again.
 
-Neglects: a difference's error that is alike in neighbouring epochs, but for the settings' multipath, which counts as
+Neglects: a difference's error correlated over neighbouring epochs, except for the settings' multipath, which counts as
 many epochs more as it lasts; the flexing of the body between its antennas.
 """
 
@@ -59,7 +59,7 @@ _PSI_COLUMNS: Final = np.arange(PSI, PSI + 3, dtype=np.int64)
 _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer are not the same for certain
 # half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly
 _ROUNDING_SIGMAS: Final = 5.0
-_REFUSED_EPOCHS: Final = 8  # a difference refused for so long, by no whole cycles, is resolved anew
+_REFUSED_EPOCHS: Final = 8  # a difference refused for so long, but not by whole cycles, is resolved again
 _STRAINED_EPOCHS: Final = 5  # with most differences refused: the attitude or all whole cycles are wrong
 _MISFITS: Final = 5  # epochs in which no whole cycles fit, before other orders of the cables are tried
 # a search that fails takes some tens of milliseconds: after so many in a row it pauses, longer and longer
@@ -71,7 +71,7 @@ _MOST_PERMUTED: Final = 5  # antennas
 
 @dataclass
 class AttitudeAid:
-    """The stage: what it is given, where it looks and writes, and what it remembers."""
+    """The stage: its inputs, its work space, and its memory."""
 
     data: AntennaData
     remarks: tuple[Event, ...] = ()
@@ -94,7 +94,7 @@ class AttitudeAid:
         return taken
 
     def use(self, bank: Bank, t_ns: int, w_ib_b: Float64, par: Parameters) -> tuple[Bank, int]:
-        """Bring a bank that stands at an epoch up to date with its phase differences.
+        """Update a bank at an epoch with its phase differences.
 
         Returns the bank (one member of it, once the heading has been found) and how many differences were used.
         """
@@ -137,7 +137,7 @@ class AttitudeAid:
     def _usable(
         self, log: PhaseLog, rows: Int64, m: StateRecord, P: Float64, par: Parameters
     ) -> tuple[Int64, Float64 | None]:
-        """Return the rows of an epoch that pass every mask, and the doubt of each; others are told in the ledger."""
+        """Return the rows of an epoch that pass every mask, and the doubt of each; others are marked in the ledger."""
         phases = log.phases
         status = phases.status[rows].copy()
         C_ne = level_axes(m.r_e)
@@ -213,7 +213,7 @@ class AttitudeAid:
         )
 
     def _try_other_orders(self, rows: DifferenceRows, d: Differences, bank: Bank, t_ns: int) -> None:
-        """Tell whether the differences fit when the logs are given to other antennas."""
+        """Report whether the differences fit if the logs are assigned to other antennas."""
         antennas = self.data.antennas
         count = len(antennas.names)
         if count > _MOST_PERMUTED:
@@ -226,7 +226,7 @@ class AttitudeAid:
             )
             if find_cycles(swapped, wound_up(anywhere, d, other, C_ne), self.data.ratio).is_valid:
                 logs = ", ".join(
-                    f"the log of '{mine}' fits the place of '{theirs}'"
+                    f"the log of '{mine}' fits the position of '{theirs}'"
                     for mine, theirs in zip(antennas.names, other.names, strict=True)
                     if mine != theirs
                 )
@@ -236,7 +236,7 @@ class AttitudeAid:
                 return
 
     def _wait(self, t_ns: int, reason: str) -> None:
-        """Tell once why there is no attitude yet, and again when the reason changes its kind."""
+        """Report once why there is no attitude yet, and again when the reason changes its kind."""
         kind = reason.split(":")[0]
         if kind != self.memory.waits_for:
             self.memory.waits_for = kind
@@ -287,7 +287,7 @@ class AttitudeAid:
         return int(np.count_nonzero(trusted))
 
     def _anchor_clocks(self, d: Differences, y: Float64, known: Bool) -> None:
-        """Give a clock that no known difference tells its whole cycle by one of them: the clock takes it up."""
+        """Fix a clock that no known difference fixes by one whole cycle: the clock absorbs it."""
         for clock in np.unique(d.clock[d.clock >= 0]):
             own = np.flatnonzero(d.clock == clock)
             if not known[own].any():
@@ -296,7 +296,7 @@ class AttitudeAid:
                 known[best] = True
 
     def _gated(self, d: Differences, H: Float64, y: Float64, known: Bool, P_psi: Float64) -> Bool:
-        """Return which of the known differences agree with the prior; with clocks to tell, the worst goes first."""
+        """Return which known differences agree with the prior; with clocks to estimate, the worst goes first."""
         gate2, trusted = self.data.gate_sigma**2, known.copy()
         while trusted.any():
             v, S = _innovations(d, H, y, trusted, P_psi)
@@ -323,9 +323,9 @@ class AttitudeAid:
     def _judge(
         self, d: Differences, v: Float64, S: Float64, refused: Bool, t_ns: int, agree: int, misfits: int
     ) -> tuple[list[int], bool]:
-        """Tell wrong cycles, forget what cannot be right; return which differences have wrong cycles.
+        """Report wrong cycles, drop impossible ones; return which differences have wrong cycles.
 
-        Returns beside them whether most contradict the prediction: then the others may agree by chance, and none is
+        Also returns whether most contradict the prediction: then the others may agree by chance, and none is
         used.
         """
         memory, wrong = self.memory, []
@@ -335,7 +335,7 @@ class AttitudeAid:
             memory.refused[key] = memory.refused.get(key, 0) + 1
             if whole and abs(v[i] - whole * wave) < self.data.gate_sigma * sigma < 0.5 * wave:
                 wrong.append(int(i))
-                told = f"{whole:+d} cycle(s) against the attitude; not used, resolved anew"
+                told = f"{whole:+d} cycle(s) against the attitude; not used, resolved again"
                 self._tell(t_ns, "attitude_cycles_wrong", f"{self._named(key)}: {told}")
                 del memory.cycles[key]
             elif memory.refused[key] >= _REFUSED_EPOCHS:
@@ -347,7 +347,9 @@ class AttitudeAid:
             memory.strained, memory.is_lost = 0, True
             memory.cycles.clear()
             memory.refused.clear()
-            detail = f"most differences refused for {_STRAINED_EPOCHS} epochs: all whole cycles are looked for anew"
+            detail = (
+                f"most differences refused for {_STRAINED_EPOCHS} epochs: all whole cycles are searched again"
+            )
             self._tell(t_ns, "attitude_lost", detail)
         return wrong, strained
 

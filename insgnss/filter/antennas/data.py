@@ -1,4 +1,4 @@
-"""What the attitude stage of several antennas is given beside the filter."""
+"""The inputs of the attitude stage of several antennas besides the filter."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ class AntennaData:
     ratio: float
     confirmations: int
     gate_sigma: float
-    hiding: AntennaMasking | None = None  # what hides satellites from each antenna; None: nothing is masked
+    hiding: AntennaMasking | None = None  # obstructions of each antenna; None: nothing is masked

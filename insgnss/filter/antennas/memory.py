@@ -1,4 +1,4 @@
-"""What the attitude stage of several antennas carries from epoch to epoch."""
+"""The memory of the attitude stage of several antennas from epoch to epoch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Key = tuple[int, int, Channel]  # antenna from, antenna to, satellite and signal
 
 @dataclass
 class CycleMemory:
-    """Which whole cycles are known, and what the stage waits for."""
+    """Which whole cycles are known, and the stage's waiting times."""
 
     cycles: dict[Key, int] = field(default_factory=dict)
     seen_ns: dict[Key, int] = field(default_factory=dict)

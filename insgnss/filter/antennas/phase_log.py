@@ -1,4 +1,4 @@
-"""The phases of several antennas beside the filter's rows, of a whole log or of one epoch, and what became of each."""
+"""The phases of several antennas in addition to the filter's rows, of a whole log or one epoch, and their status."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KIND: Final = "attitude_difference"  # the name of the differences in the ledger
 
 @dataclass(frozen=True)
 class DifferenceLedger:
-    """What became of every phase of the antennas beside the main one: one entry for each row of the phases."""
+    """The status of every phase of the further antennas: one entry for each row of the phases."""
 
     status: Int8  # (n,)
     innovation: Float64  # (n,) [m], NaN where nothing was predicted

@@ -1,4 +1,4 @@
-"""Carrier phase differences between antennas: which an epoch has, what an attitude predicts, how they share noise.
+"""Carrier phase differences between antennas: those of an epoch, their prediction by an attitude, their common noise.
 
     lambda (phi_b - phi_a) = -u^T C_eb (l_b - l_a) + clock_b - clock_a + lambda N + noise
 
@@ -67,7 +67,7 @@ class Differences:
     wavelength_m: Float64  # (R,)
     u_e: Float64  # (R, 3) unit vectors, receiver to satellite, ECEF at reception
     white: Float64  # (R, R) covariance of the noise of each epoch [m^2]
-    slow: Float64  # (R, R) covariance of reflections, alike from epoch to epoch [m^2]
+    slow: Float64  # (R, R) covariance of reflections, constant from epoch to epoch [m^2]
     clock: Int64  # (R,) number of the unknown clock difference in each, -1 with a common clock
     names: tuple[Channel, ...]  # of each channel
 
@@ -88,7 +88,7 @@ class Differences:
         )
 
     def clocks(self) -> Float64:
-        """Return which clock difference stands in which row, (R, clocks)."""
+        """Return which clock difference is in which row, (R, clocks)."""
         numbers = np.unique(self.clock[self.clock >= 0])
         return np.asarray(self.clock[:, None] == numbers, np.float64)
 
@@ -204,7 +204,7 @@ def baselines(
 
 
 def predicted(d: Differences, l_b: Float64, C_eb: Float64, antennas: Antennas) -> Float64:
-    """Return what an attitude makes of the differences, without clocks and whole cycles, (R,) [m].
+    """Return the differences predicted by an attitude, without clocks and whole cycles, (R,) [m].
 
     Equation: -u^T C_eb l, and the wind-up of antennas that are tilted against each other.
     """
@@ -213,7 +213,7 @@ def predicted(d: Differences, l_b: Float64, C_eb: Float64, antennas: Antennas) -
 
 
 def wind_up(d: Differences, C_eb: Float64, antennas: Antennas) -> Float64:
-    """Return what the tilt of the antennas against each other adds to the differences, (R,) [m]."""
+    """Return the effect of the antennas' tilt against each other on the differences, (R,) [m]."""
     turned = wind_up_differences(antennas.C_ba, C_eb, d.u_e)  # (M - 1, R): against the first antenna
     turned = np.vstack([np.zeros((1, len(d.b))), turned])
     every = np.arange(len(d.b))
@@ -230,7 +230,7 @@ def attitude_rows(d: Differences, l_b: Float64, C_eb: Float64) -> Float64:
 
 
 def without_clocks(d: Differences, trusted: Bool) -> Float64:
-    """Return M, (R, R): M y are the differences less each clock as the ``trusted`` ones tell it."""
+    """Return M, (R, R): M y are the differences less each clock by the ``trusted`` ones."""
     B = d.clocks()
     if not B.shape[1]:
         return np.eye(len(d.b))

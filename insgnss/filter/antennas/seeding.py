@@ -30,7 +30,7 @@ def priors_of(bank: Bank, *, anywhere: bool = False) -> tuple[list[Prior], Float
 
     Parameters
     ----------
-    anywhere : all headings are looked at, whatever the filter believes
+    anywhere : all headings are searched, whatever the filter's heading
     """
     C_ne = level_axes(bank.state[bank.head[0].leader].r_e)
     priors = []
@@ -64,10 +64,11 @@ def wound_up(priors: list[Prior], d: Differences, antennas: Antennas, C_ne: Floa
 def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: Float64) -> Bank:
     """Return the hypothesis nearest in heading alone, turned about the vertical to the heading of ``C_nb``.
 
-    It is the main antenna's position and velocity that were measured: they stay, and the IMU's turn about them. What
-    the hypothesis knows of tilt stays as it is in the level frame, so the body's axes of the biases turn under it:
+    It is the main antenna's position and velocity that were measured: they stay, and the IMU's turn about them. The
+    hypothesis keeps its tilt in the level frame, so the body's axes of the biases turn under it:
         r' = r + (C_old - C_new) l, v' = v + (C_old - C_new) (w x l), P' = T P T^T,
-        T = C_new^T C_old in the blocks of both biases, [(l_new - l_old) x] from attitude to position, velocity alike.
+        T = C_new^T C_old in the blocks of both biases, [(l_new - l_old) x] from attitude to position, and the same for
+        velocity.
     A turn beyond the heading's own sigma widens it. A heading that is known and agrees is left to the update.
 
     Parameters

@@ -1,8 +1,8 @@
 """How likely a sensor's fault is that has moved some of its axes, from a filter to which all three biases are unknown.
 
 A prior on three axes, as wide as the largest fault, is charged for what it does not use: a small jump of one axis would
-be explained better by the other sensor. The filter beside the one without a fault tells what the measurements say of the
-jump d: m = x_with - x_without, S = P_with - P_without, as if d were a state of its own. With W its prior covariance,
+be explained better by the other sensor. The filter with the fault and the one without give the measurements' estimate of
+the jump d: m = x_with - x_without, S = P_with - P_without, as if d were a state of its own. With W its prior covariance,
 J = S^-1 - W^-1 and h = S^-1 m, any other prior Q gives the likelihood ratio against d = 0
 
     ln B(Q) = h^T (J + Q^-1)^-1 h / 2 - ln det(1 + Q J) / 2
@@ -41,7 +41,7 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     """
     size, turn = np.linalg.eigh(0.5 * (covariance + covariance.T))
     if not size[0] > _LEAST * abs(size[-1]):
-        # the sound filter has refused rows that the other one uses: their difference tells of no axis
+        # the sound filter has refused rows that the other one uses: their difference shows no axis
         return {_SETS[-1]: 0.0}
     information = (turn / size) @ turn.T
     h = information @ moved

@@ -1,8 +1,8 @@
-"""The filter's health: what it does when its measurements contradict it, and what it remembers for that.
+"""The filter's health: its reaction to contradicting measurements, and the memory for it.
 
 Two things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
 satellite: then the last minute is run once more (``suspects``). Or the filter is lost: then a fix is put on trial
-beside it (``recovery``). Neither touches the filter before the rows have decided.
+in parallel (``recovery``). Neither touches the filter before the rows have decided.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from insgnss.tables import Event
 
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
-_LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
+_LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
 
 
 class Remedy(NamedTuple):
-    """What is to become of the filter."""
+    """The action on the filter."""
 
     bank: Bank  # that goes on: the same or another one
     events: list[Event]
-    give_up: str = ""  # why it is to start anew instead
+    give_up: str = ""  # why it has to restart instead
 
 
 def _tells(lines: Lines) -> bool:
@@ -55,13 +55,13 @@ def _tells(lines: Lines) -> bool:
 
 @dataclass
 class FilterHealth:
-    """What a filter remembers of itself, and how it is set right."""
+    """A filter's memory of its own health, and its recovery."""
 
     setup: FilterSetup
     resets_ns: list[int] = field(default_factory=list)
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
-    told_ns: dict[str, int] = field(default_factory=dict)  # when something that lasts was told last
+    told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
@@ -70,11 +70,11 @@ class FilterHealth:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that is carried along with the samples."""
+        """Everything carried along with the samples."""
         return [] if self.doubt is None else [self.doubt.bank]
 
     def stop(self, bank: Bank, rows: GnssRows, epoch: int, last: int) -> int:
-        """Return up to which epoch the filter may run before its health is to be looked at."""
+        """Return up to which epoch the filter may run before its health is checked."""
         if self.doubt is not None:
             return epoch + 1
         if not self.past.banks and len(bank.state) > 1:
@@ -85,11 +85,11 @@ class FilterHealth:
         return min(max(int(np.searchsorted(rows.epoch_ns, due_ns)), epoch) + 1, last)
 
     def is_due(self, bank: Bank, t_ns: int) -> bool:
-        """Return whether what was not clear yet is to be looked at again."""
+        """Return whether an undecided suspicion is due for a new check."""
         return self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
     def forget(self) -> None:
-        """Forget what concerns a filter that is no more."""
+        """Clear what concerns a filter that no longer exists."""
         self.doubt, self.past, self.resets_ns = None, self.past.forgotten(), []
 
     def suspect(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
@@ -127,7 +127,7 @@ class FilterHealth:
         parameters: npt.NDArray[Any],
         space: EpochWorkspace,
     ) -> Remedy:
-        """Put a fix of the epoch on trial, or absorb a step of the clock that the refused rows agree on.
+        """Validate a fix of the epoch, or absorb a step of the clock that the refused rows agree on.
 
         ``space`` holds the leader's lines and correction of the epoch.
         """
@@ -175,7 +175,7 @@ class FilterHealth:
     def _steps(
         self, bank: Bank, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any], space: EpochWorkspace
     ) -> list[Event]:
-        """Absorb the steps of the receiver clock that the refused rows agree on; return what there is to tell."""
+        """Absorb the steps of the receiver clock that the refused rows agree on; return the events."""
         par, P, t_ns = parameters[0], bank.P[bank.head[0].leader], int(rows.epoch_ns[epoch])
         first, last = rows.first[epoch], rows.first[epoch + 1]
         sv, correction = rows.observation["sv"][first:last], space.vectors[0, : len(P)]
@@ -211,7 +211,7 @@ class FilterHealth:
         return self._set_right(bank, found, doubt, t_ns)
 
     def _set_right(self, bank: Bank, found: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
-        """Put what the rows bear out in the filter's place; give it up where that does not last."""
+        """Replace the filter by the copy that the rows support; restart if that does not last."""
         health = self.setup.config.health
         self.past = self.past.forgotten()
         found.head["renewed_ns"] = t_ns

@@ -1,4 +1,4 @@
-"""The last minute once more: the filter of a minute ago over the epochs since, one thing or another taken for wrong.
+"""A rerun of the last minute: the filter of a minute ago over the epochs since, under each supposed fault.
 
 The filter runs as it was; with the accelerometers' or the gyros' biases unknown from some instant on; without
 satellites that may run away; with time tags that are off. Its likelihood says how well each explains what was seen.
@@ -67,7 +67,7 @@ _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LA
 # how long ago the fault may have begun
 _ONSETS_S: Final = (3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 18.0, 22.0, 26.0, 32.0, 40.0, 50.0)
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
-_NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
+_NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
 _LARGEST: Final = 6.0 * WIDEST  # by so many a bias does not jump: the sensor itself has failed
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
@@ -79,7 +79,7 @@ _TAGS_EPOCHS: Final = 3
 
 
 class Verdict(NamedTuple):
-    """What has failed, the likelihood of the epochs if that is so, and the filter that knows of it."""
+    """What has failed, the likelihood of the epochs if that is so, and the filter that allows for it."""
 
     suspect: str
     log_likelihood: float
@@ -93,7 +93,7 @@ class Verdict(NamedTuple):
 
 
 class Hindsight:
-    """The filter of a minute ago and all that it could have known."""
+    """The filter of a minute ago and its inputs since then."""
 
     def __init__(
         self,
@@ -134,17 +134,17 @@ class Hindsight:
 
     @property
     def stormy(self) -> bool:
-        """Whether the noise of what the satellites show against each other has risen at a stroke."""
+        """Whether the noise between satellites has risen suddenly."""
         first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
         return bool(np.any(last > NOISY * first))
 
     @property
     def noisy_ranges(self) -> bool:
-        """Whether the pseudoranges' noise was far above what is assumed."""
+        """Whether the pseudoranges' noise was far above the assumed level."""
         return any(bank.state["noise_factor"][0, PSEUDORANGE] > NOISY for bank in self.before)
 
     def suspects(self) -> Iterator[Verdict]:
-        """Yield all that may have failed."""
+        """Yield every supposed fault."""
         for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
             if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
                 # a sensor that is said to have no bias cannot have one that jumps
@@ -154,7 +154,7 @@ class Hindsight:
         yield from self.other_imu_tags()
 
     def sensor(self, suspect: str) -> list[Verdict]:
-        """Return what comes of a sensor's fault that began at every other onset, then ever nearer to the best of these.
+        """Return the results for a sensor's fault at every other onset, then refined around the best of these.
 
         A force that jumps shows at once: an onset that is some seconds wrong costs an accelerometer more likelihood
         than a gyro, whose fault shows with the square of time.
@@ -182,7 +182,7 @@ class Hindsight:
         return [verdict for verdicts in found.values() for verdict in verdicts]
 
     def from_onset(self, suspect: str, bank: Bank, earlier: bool) -> Verdict | None:
-        """Return what comes of a fault that begins with ``bank``; of noise the mean over how much it has risen."""
+        """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
         each = []
         for risen2 in NOISE2 if suspect == NOISE else (1.0,):
             faulty = bank
@@ -217,7 +217,7 @@ class Hindsight:
         return None if self.until(bank, t_ns) is None else bank
 
     def plausible(self, bank: Bank) -> bool:
-        """Return whether the biases are still those of a sensor that works: what lies or is stuck has no bias."""
+        """Return whether the biases are still plausible: a faulty or stuck sensor has no bias."""
         before, after = self.past.banks[0].state[0], bank.state[0]
         biases = (bias_of(sensor, self.setup) for sensor in (ACCELEROMETER, GYRO))
         return all(
@@ -226,7 +226,7 @@ class Hindsight:
         )
 
     def other_tags(self) -> Iterator[Verdict]:
-        """Yield what comes of GNSS time tags that are off since a few seconds."""
+        """Yield the results for GNSS time tags that are off since a few seconds."""
         rows = tuple((w, rows_at(self.stretches, w.t_ns)) for w in self.base[-_TAGS_EPOCHS:])
         for start in self.before[-1 - _GNSS_TAGS_BACK : -1]:
             found = self.shifted(GNSS_TAGS, start, -tag_error_s(rows))
@@ -234,7 +234,7 @@ class Hindsight:
                 yield found
 
     def other_imu_tags(self) -> Iterator[Verdict]:
-        """Yield what comes of inertial time tags that are off from the start on, at last between the best of these."""
+        """Yield the results for inertial time tags that are off from the start, then between the best of these."""
         found = {0.0: self.as_it_was}
         for shift_s in _TAGS_S:
             verdict = self.shifted(IMU_TAGS, self.oldest(), shift_s)
@@ -247,7 +247,7 @@ class Hindsight:
             yield verdict
 
     def shifted(self, suspect: str, start: Bank, shift_s: float) -> Verdict | None:
-        """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were.
+        """Return the result for time tags that are off by ``shift_s``; those of GNSS move the satellites.
 
         Epochs that a shift could bring before ``start``, or back behind it, count as they did: all shifts are judged by
         the same rows.
@@ -281,7 +281,7 @@ class Hindsight:
         shift_ns: int = 0,
         imu: ImuSamples | None = None,
     ) -> Verdict | None:
-        """Return what comes of a suspicion; the rows may be those of other tags, as may the samples ``imu``."""
+        """Return the result for a suspicion; rows and samples ``imu`` may be those of other tags."""
         written = self.until(bank, self.end_ns + shift_ns, stretches, imu)
         if written is None:
             return None
@@ -291,7 +291,7 @@ class Hindsight:
         return Verdict(suspect, total, bank, fits(written, suspect in SENSORS))
 
     def without_satellites(self) -> Iterator[Verdict]:
-        """Yield what comes of leaving out each satellite, and sets of two and three that run away from the others.
+        """Yield the results without each satellite, and without sets of two and three that drift away from the others.
 
         Candidate sets come from the range rates of the last seconds. Others add to the likeliest set the satellites
         that still look like a ramp in the filter without it.
@@ -325,7 +325,7 @@ class Hindsight:
             yield verdict
 
     def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[EpochLog]] | None:
-        """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
+        """Return the result without some satellites, their rows charged as those of ramps, and the output written."""
         bank = copy_bank(start)
         written = self.until(bank, self.end_ns, self.stretches_without(satellites))
         if written is None:
@@ -373,7 +373,7 @@ class Hindsight:
         return self.to_the_end(best._replace(suspect=EITHER))
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
-        """Return a verdict whose filter stands at the last epoch."""
+        """Return a verdict whose filter is at the last epoch."""
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return verdict
         if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:

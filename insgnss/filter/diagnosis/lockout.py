@@ -1,9 +1,9 @@
-"""The way out of a lock-out that no fix can end: too few satellites to show a step of the receiver clock at once.
+"""Recovery from a lock-out without a fix: too few satellites to prove a step of the receiver clock at once.
 
 A common step of fewer than five pseudoranges is not believed in one epoch unless it is large (``gating.common_step``),
 and so few give no fix with redundancy either. What they refuse for many epochs on end and yet agree on is the clock's
-all the same: persistence stands for the number of witnesses. A single pseudorange agrees with itself; to let it set the
-clock alone costs nothing but the little that it could have told beside.
+all the same: persistence replaces the number of witnesses. One pseudorange is always self-consistent; using it to reset
+the clock only gives up its small position information.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LEAST_FOR_A_FIX: Final = 3  # refused rows of a kind
 
 
 class ClockStep(NamedTuple):
-    """A step that refused rows of one kind agree on, with all that is needed to absorb it."""
+    """A step that refused rows of one kind agree on, with everything needed to absorb it."""
 
     kind: int  # PSEUDORANGE: of the clock's bias, RANGE_RATE: of its drift
     size: float  # by which the leader's clock is wrong [m or m/s]
@@ -136,7 +136,7 @@ def absorb(bank: Bank, step: ClockStep, lever_b: Float64) -> None:
 
 
 def _apart(m: StateRecord, lead: StateRecord, lever_b: Float64, n: int) -> Float64:
-    """Return (n,) by how much the state of ``m`` differs from the leader's; the attitude stands in the position."""
+    """Return (n,) by how much the state of ``m`` differs from the leader's; the attitude is in the position."""
     apart: npt.NDArray[Any] = np.zeros(n)
     apart[DR : DR + 3] = m.r_e - lead.r_e + (m.C_eb - lead.C_eb) @ lever_b
     apart[DV : DV + 3] = m.v_e - lead.v_e
@@ -146,10 +146,10 @@ def _apart(m: StateRecord, lead: StateRecord, lever_b: Float64, n: int) -> Float
 
 
 def in_words(t_ns: int, step: ClockStep, epochs: int) -> Event:
-    """Return the event that tells a step absorbed after ``epochs`` epochs of refusals."""
+    """Return the event of a step absorbed after ``epochs`` epochs of refusals."""
     kind, rows = (CLOCK_STEP, "pseudorange") if step.kind == PSEUDORANGE else (DRIFT_STEP, "range rate")
     if step.judged == 1:
-        why = f"the one satellite's {rows} was refused for {epochs} epochs, and no other tells which of both is wrong"
+        why = f"the one satellite's {rows} was refused for {epochs} epochs, and no other shows which is wrong"
     else:
         why = f"{rows}s of {step.witnesses} of {step.judged} satellites agree on it after {epochs} epochs of refusals"
     return event_in_words(t_ns, int(kind), step.size, f": {why}")

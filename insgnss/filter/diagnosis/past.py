@@ -1,4 +1,4 @@
-"""What the filter keeps of its last minute, to look at once more when it may have been wrong (``suspects``)."""
+"""The filter's record of its last minute, to rerun if it may have been wrong (``suspects``)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insgnss.gnss.observation_rows import GnssRows, some_epochs
 
 _EVERY_NS: Final = 15 * NS_PER_S
 _KEPT: Final = 5  # so the oldest is 60 to 75 s old
-_LEAST_NS: Final = 8 * NS_PER_S  # a shorter past tells nothing
+_LEAST_NS: Final = 8 * NS_PER_S  # a shorter past decides nothing
 _MARGIN_NS: Final = 110_000_000  # time tags may be tried that are so much later than the newest sample allows
 _LOOK_AGAIN_NS: Final = 3 * NS_PER_S
 _PATIENCE: Final = 8  # the next look comes after an eighth of the time for which it has been unclear
@@ -44,8 +44,8 @@ class FilterHistory:
     epochs: EpochRanges = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     opened: bool = False  # whether both sensors are suspect meanwhile
-    suspected: frozenset[str | int] = frozenset()  # what was suspected at the last look
-    judged_ns: int = 0  # when it was last looked at
+    suspected: frozenset[str | int] = frozenset()  # the suspicion at the last check
+    judged_ns: int = 0  # when it was last checked
     tags_off_ns: int = 0  # when they were last found to be off
     in_vain: int = 0  # how often in a row without a result
 
@@ -53,7 +53,7 @@ class FilterHistory:
     def respite_ns(self) -> int:
         """For how long no suspicion is raised: longer and longer while nothing comes of it.
 
-        What is not clear yet is looked at again soon, and ever less often as it lasts.
+        An undecided suspicion is checked again soon, and less often the longer it lasts.
         """
         if self.unclear_ns:
             return max(_LOOK_AGAIN_NS, (self.judged_ns - self.unclear_ns) // _PATIENCE)
@@ -77,7 +77,7 @@ class FilterHistory:
         return replace(self, banks=banks, epochs=kept)
 
     def judged(self) -> tuple[FilterHistory, tuple[int, int] | None]:
-        """Return the past as it is looked at now, where the judgement ends and the last epoch; None if it is too short.
+        """Return the past to rerun now, the end of the judgement and the last epoch; None if it is too short.
 
         The judgement ends a little before the last epoch, so that other time tags can be tried.
         """
@@ -95,7 +95,7 @@ class FilterHistory:
         return past, (int(times_ns[end]), now_ns)
 
     def tags_were_off(self, within_ns: int) -> bool:
-        """Return whether time tags were found to be off of late."""
+        """Return whether time tags were recently found to be off."""
         return self.tags_off_ns > 0 and self.judged_ns - self.tags_off_ns < within_ns
 
     def of_late(self, since_ns: int) -> FilterHistory:
@@ -104,7 +104,7 @@ class FilterHistory:
         return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
 
     def suspecting(self, suspected: frozenset[str | int]) -> FilterHistory:
-        """Return the past once it is known what is suspected, if anything is."""
+        """Return the past with its suspicion, if any."""
         if not suspected:
             return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)

@@ -1,6 +1,6 @@
-"""What the rows of a satellite that is left out are worth: as those of one whose measurements run away at one rate.
+"""The likelihood of the rows of a satellite that is left out, as measurements that drift away at one rate.
 
-The filter that runs without a satellite tells what its rows would have shown. If it runs away from t1 on at a rate b,
+The filter that runs without a satellite predicts that satellite's rows. If it runs away from t1 on at a rate b,
 
     range rate y = b + e,   pseudorange y = b (t - t1) + e,   carrier difference y = b dt + e, or e if it stays behind
 
@@ -26,13 +26,13 @@ from insgnss.tables import Float64
 _RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
 _WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range rates wander in a second
 _ONSETS: Final = 12
-# of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
+# of normal equations of unit vectors: fewer than four rows leave unobserved unknowns at zero
 _RIDGE: Final = 1e-6
 _PRECISION: Final = float(np.finfo(np.float32).eps)
 
 
 class _SatelliteInnovations(NamedTuple):
-    """The rows of one kind of a satellite: what they would have shown, and when."""
+    """The rows of one kind of a satellite: their innovations, and when."""
 
     kind: int
     t_s: Float64
@@ -67,7 +67,7 @@ def ramps(
 
 
 def ramp_evidence(written: list[EpochLog], satellite: int, par: Parameters) -> float:
-    """Return how much better a satellite's rows fit a ramp than none, as they stand in what the filter wrote."""
+    """Return how much better a satellite's rows fit a ramp than none, from the filter's output."""
     shown = _shown(written, written, (), satellite, par)
     if not shown:
         return -math.inf
@@ -106,7 +106,7 @@ def of_wrong_rates(written: list[EpochLog], par: Parameters) -> float:
 
 
 def _cost(shown: _SatelliteInnovations, rest: Float64, par: Parameters) -> Float64:
-    """Return what the filter charges for rows of which so much is left (``use_rows``), and the gate for the refused."""
+    """Return the filter's charge for rows with such residuals (``use_rows``), and the gate for the refused."""
     gate2 = par.kind[shown.kind].gate2
     cost = charge(rest**2 / shown.widened, shown.widened, shown.noise, shown.spread)
     return np.where(rest**2 > gate2 * shown.variance, (gate2 + np.log(shown.variance)) / shown.spread, cost)
@@ -174,7 +174,7 @@ def _shown(
     satellite: int,
     par: Parameters,
 ) -> list[_SatelliteInnovations]:
-    """Return what a satellite's rows of each kind would have shown the filter that runs without it.
+    """Return a satellite's innovations of each kind against the filter that runs without it.
 
     Equation: y' = y + g dx, dx the least-squares change of antenna and clock that the other rows' innovations show
     Neglects: that a constellation's own clock offset may have changed, too.

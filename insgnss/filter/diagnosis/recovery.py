@@ -4,8 +4,9 @@ A filter that is thought lost is not touched. Copies of it are set to a fix, wit
 and take the same epochs. One of them takes the filter's place when its likelihood is far above the filter's, although
 it had to begin with a small prior weight, and when most rows of each kind fit it, with no more noise than the filter's
 own: decided by consistency, not by count.
-What the fix does not tell is kept, noise levels and biases with their covariances. Where the filter itself still fits
-some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does not jump.
+States that the fix does not give are kept: noise levels and biases with their covariances. Where the filter itself
+still fits some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does
+not jump.
                                                                             [Bar-Shalom, Li & Kirubarajan 2001, 11]
 """
 
@@ -38,7 +39,7 @@ _GROUPS: Final = 3
 # Logarithm of the likelihood ratio, prior weights included, at which a copy is taken
 _SURE_LOG_RATIO: Final = 20.0
 _LOG_PRIOR: Final = -10.0
-_LEAST_S: Final = 3.0  # what a copy still has to find out counts for nobody
+_LEAST_S: Final = 3.0  # while a copy settles, its likelihood does not count
 _LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
@@ -57,7 +58,7 @@ _LEAST_ROWS: Final = 4
 
 @dataclass
 class RecoveryTest:
-    """The copies of a filter that were set to a fix, and what the rows say of them."""
+    """The copies of a filter that were set to a fix, and their likelihoods."""
 
     setup: FilterSetup
     bank: Bank  # copies of the filter's hypotheses first, then as many with the attitude kept, then with it in doubt
@@ -115,7 +116,7 @@ class RecoveryTest:
         return self._verdict(t_ns, filter_bank)
 
     def _update(self, alone: GnssRows, imu: ImuSamples, parameters: Float64) -> Output:
-        """Carry all of them to an epoch and update them with it; return what they would have written."""
+        """Carry all of them to an epoch and update them with it; return their output."""
         setup = self.setup
         self._work = roomy(self._work, alone, setup.layout, setup.installation, setup.visibility_limits)
         out, self.over = update_beside(self.bank, alone, imu, parameters, self._work, setup)

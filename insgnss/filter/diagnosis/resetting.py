@@ -39,7 +39,7 @@ def reset_kinematics(
     Parameters
     ----------
     w_ib_b : (3,) the gyros' rate at the fix [rad/s]
-    inter_system_sigma_m : of a clock offset that the fix does not tell
+    inter_system_sigma_m : of a clock offset that the fix does not give
     """
     n_offsets, J = layout.n_offsets, lever_rows(layout, len(P))
     beyond2 = sigma_beyond_m(layout.at(RANGE_BIASES) >= 0) ** 2
@@ -81,9 +81,9 @@ def reset_kinematics(
 
 
 def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:
-    """Doubt the sensors' errors of a hypothesis and widen its attitude: what it has made of them went astray.
+    """Inflate the sensor errors of a hypothesis and its attitude: its estimates went astray.
 
-    They keep their values: most of what a sensor is off by is there from the start on.
+    They keep their values: most of a sensor's error exists from the start.
     """
     errors = [*range(BA, BG + 3), *layout.sensor_states]
     P[errors, :] = 0.0

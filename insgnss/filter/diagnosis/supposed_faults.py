@@ -1,4 +1,4 @@
-"""What may have failed, and the filter of then to which it is unknown."""
+"""The supposed faults, and the filter of that time with the failed part unknown."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 _EARLIEST_S: Final = 90.0
-_LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of what a lie leaves of velocity and attitude
+_LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of velocity and attitude after wrong readings
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
@@ -37,9 +37,9 @@ def with_fault(
 ) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
-    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level, ``risen2``
-    times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude
-    by psi = -C b t, with t uniform up to 90 s.
+    After a lapse these are the states that the wrong readings changed: attitude, velocity and position; of noise, its
+    level, ``risen2`` times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has
+    turned the attitude by psi = -C b t, with t uniform up to 90 s.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
@@ -68,7 +68,7 @@ def with_fault(
 
 
 def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
-    """Return where a sensor's biases stand in the error state, their name in the state, and their model."""
+    """Return the place of a sensor's biases in the error state, their name in the state, and their model."""
     sensor = sensor_model(setup.grade)
     return (BA, "b_a", sensor.accel_bias) if suspect == ACCELEROMETER else (BG, "b_g", sensor.gyro_bias)
 

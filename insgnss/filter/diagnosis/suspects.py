@@ -1,4 +1,4 @@
-"""Whose fault it is: the last minute once more, with one thing or another taken for wrong.
+"""Fault identification: the last minute rerun under each supposed fault.
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
@@ -49,7 +49,7 @@ from insgnss.gnss.observation_rows import N_BANDS
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
-_COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
+_COARSE: Final = 3.0 * _SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
 _TAGS_LAST_NS: Final = 120 * NS_PER_S
@@ -64,7 +64,7 @@ class Explanation(NamedTuple):
 
 
 def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
-    """Return what explains the last minute, the likeliest first; each set of satellites or axes is one of them."""
+    """Return the explanations of the last minute, the likeliest first, each set of satellites or axes one."""
     of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
     for verdict in found:
         if math.isfinite(verdict.log_likelihood):
@@ -144,7 +144,7 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
 def judge(
     past: FilterHistory, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> tuple[Verdict | None, FilterHistory]:
-    """Return what has failed, if that is clear, and the past with what is not."""
+    """Return the failed part, if it is clear, and the past with open suspicions."""
     past, span = past.judged()
     if span is None:
         return None, past
@@ -180,16 +180,16 @@ def judge(
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:
-    """Return what is at fault by an explanation: the inertial sensors, satellites, time tags."""
+    """Return the failed part of an explanation: the inertial sensors, satellites, time tags."""
     if explanation.suspect == SATELLITES:
         return frozenset(explanation.best.satellites)
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
 def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
-    """Return whether what explains most is not to be believed.
+    """Return whether the best explanation is not credible.
 
-    Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges
+    Rows that contradict each other do not mean a sensor fault, nor a fault of the range rates alone if the pseudoranges
     do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
     much. Nor is what late tags have done to the filter a fault of anything else.
     """
@@ -203,7 +203,7 @@ def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) 
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:
-    """Return what explanations have in common: the only one, or the satellites or axes that are in all of them."""
+    """Return the common part of explanations: the only one, or the satellites or axes that are in all of them."""
     parts = {id(each): _parts(each.best) for each in likely}
     common = frozenset.intersection(*parts.values())
     return next((each for each in likely if common and parts[id(each)] == common), None)

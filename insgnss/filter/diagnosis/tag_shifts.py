@@ -1,4 +1,4 @@
-"""A filter and its rows if the time tags were off: what they become, and which offset explains most."""
+"""A filter and its rows if the time tags were off: their new values, and the offset that explains most."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from insgnss.gnss.observation_rows import GnssRows
 
 
 def at_other_tags(bank: Bank, late_ns: int) -> Bank:
-    """Change and return a filter whose inertial tags turn out to be late: it stands at an earlier GNSS time.
+    """Change and return a filter whose inertial tags turn out to be late: it is at an earlier GNSS time.
 
     Equation: r <- r - v dt, v <- v - (f + g - 2 w x v) dt, clock <- clock - drift dt; the attitude is the sensors' own
     """

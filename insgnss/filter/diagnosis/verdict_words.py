@@ -1,4 +1,4 @@
-"""What the filter tells of a fault that it has found."""
+"""The filter's event texts for the faults that it finds."""
 
 from __future__ import annotations
 
@@ -32,39 +32,35 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
     """Return the event of a verdict; ``was`` is the filter before the fault."""
     if verdict.suspect == SATELLITES:
         names = _names(verdict.satellites)
-        detail = (
-            f"{names}: code and Doppler run away from those of all others; left out, the last minute anew"
-        )
+        detail = f"{names}: code and Doppler drift away from those of all others; left out, the last minute recomputed"
         return Event(t_ns, "satellite_suspect", detail)
     if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
         late = "inertial" if verdict.suspect == IMU_TAGS else "GNSS"
         size = abs(verdict.size)
         sign = "late" if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else "early"
         detail = (
-            f"the {late} time tags are about {size:.2f} s {sign}: what the satellites show goes with the motion;"
-            " the sigmas do not know of it"
+            f"the {late} time tags are about {size:.2f} s {sign}: the residuals follow the motion;"
+            " the sigmas do not include it"
         )
         return Event(t_ns, "time_tag_suspect", detail)
     if verdict.suspect == RATES:
         detail = (
             "the range rates of all satellites contradict the pseudoranges and the inertial sensors; they are left out,"
-            " the last minute anew"
+            " the last minute recomputed"
         )
         return Event(t_ns, "kind_refused", detail)
     if verdict.suspect == LAPSE:
-        detail = "an inertial sensor has lied for a moment: attitude, velocity and position are learnt anew"
+        detail = "an inertial sensor was wrong for a moment: attitude, velocity and position are re-estimated"
         return Event(t_ns, "sensor_suspect", detail)
     if verdict.suspect == EITHER:
-        detail = (
-            "an accelerometer or gyro bias has jumped, and it is not clear yet which; both are learnt anew"
-        )
+        detail = "an accelerometer or gyro bias has jumped, not yet known which; both are re-estimated"
         return Event(t_ns, "sensor_suspect", detail)
     return Event(t_ns, "sensor_suspect", _of_sensor(was, verdict))
 
 
 def creeping_in_words(t_ns: int, satellites: tuple[int, ...]) -> Event:
     """Return the event of satellites that are left out from now on, though what they did before is not clear."""
-    detail = f"{_names(satellites)}: range rates run away from those of all others; left out while they do"
+    detail = f"{_names(satellites)}: range rates drift away from those of all others; left out while they do"
     return Event(t_ns, "satellite_suspect", detail)
 
 
@@ -83,6 +79,4 @@ def _of_sensor(was: Bank, verdict: Verdict) -> str:
     )
     by = ", ".join(f"{value:.1f}" for value in moved * scale)
     within = ", ".join(f"{value:.1f}" for value in sigma * scale)
-    return (
-        f"{verdict.suspect} {axes}: its bias has jumped by ({by}) {unit}, sigma ({within}); it is learnt anew"
-    )
+    return f"{verdict.suspect} {axes}: its bias has jumped by ({by}) {unit}, sigma ({within}); it is re-estimated"

@@ -1,4 +1,4 @@
-"""What the ledger of the last seconds says: which satellites run away from the others, and how late the tags are."""
+"""Evidence from the ledger of the last seconds: satellites that drift away from the others, and late tags."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_CANDIDATES: Final = 9
 FEW: Final = 3  # rows, below which nothing is said
 _FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
-_LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
+_LARGEST_NIS: Final = (2.5, 1.7)  # averaged over the rows that fit
 
 
 class KindColumns(NamedTuple):
@@ -37,7 +37,7 @@ class KindColumns(NamedTuple):
 
 
 class EpochLog(NamedTuple):
-    """What the filter wrote of an epoch."""
+    """The filter's output of an epoch."""
 
     t_ns: int
     slot: Int64
@@ -45,7 +45,7 @@ class EpochLog(NamedTuple):
     carrier: Table  # (0,) where no carrier is used
 
     def of_kind(self, kind: int) -> KindColumns:
-        """Return what it wrote of the rows of one kind."""
+        """Return its output of the rows of one kind."""
         if kind == CARRIER:
             return KindColumns(*(self.carrier[name] for name in KindColumns._fields))
         return KindColumns(*(self.ledger[name][:, kind] for name in KindColumns._fields))
@@ -63,7 +63,7 @@ def judged(status: Int64) -> tuple[int, int]:
 
 
 def fits(written: list[EpochLog], strict: bool) -> bool:
-    """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
+    """Return whether most rows of each kind fit in the last epochs, and on average as well as they should.
 
     ``strict`` is for what explains much in any case: sensors whose errors are unknown.
     """
@@ -100,7 +100,7 @@ def most_satellites(written: list[EpochLog]) -> int:
 def run_away_sets(written: list[EpochLog], end_ns: int) -> list[tuple[int, ...]]:
     """Return sets of one, two and three satellites that may run away, by two witnesses.
 
-    The means of the last seconds' range rates tell by what the satellites show against each other, whatever the filter
+    The means of the last seconds' range rates are judged by the satellites against each other, whatever the filter
     believes. What each of them showed against the prediction, many times beyond two and a half sigmas, tells where
     those are too few for that.
     """

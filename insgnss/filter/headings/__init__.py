@@ -1,1 +1,1 @@
-"""The bank of headings: which are still different, and which motion has told them apart."""
+"""The bank of headings: which are still distinct, and the motion that separated them."""

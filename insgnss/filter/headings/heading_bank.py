@@ -1,6 +1,6 @@
 """The bank of headings: members that have become one are merged, members that have grown wide are split.
 
-Both keep the first two moments of what the bank says. A member is deleted only when its weight is negligible.
+Both keep the first two moments of the bank. A member is deleted only when its weight is negligible.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
 
 
 class _WindowShare(NamedTuple):
-    """What a wide member has in a window."""
+    """A wide member's part in a window."""
 
     member: int
     window: int
@@ -206,7 +206,7 @@ def _merged_by_window(bank: Bank, n_kept: int, window: list[int], layout: Layout
 def turn_member(
     m: StateRecord, P: Float64, turn: float, sigma: float, lever_b: Float64, layout: Layout
 ) -> None:
-    """Set a member to what it says given that its heading is ``turn`` [rad] farther on, with ``sigma`` [rad] left.
+    """Condition a member on its heading being ``turn`` [rad] farther on, with ``sigma`` [rad] left.
 
     Equation: g = P u / sigma_u^2 with sigma_u^2 = u^T P u, u the vertical among the attitude's errors; x <- x + g turn,
     P <- P - g g^T (sigma_u^2 - sigma^2), then P <- T P T^T for the axes of the new heading (``turned_axes``).
@@ -226,7 +226,7 @@ def turn_member(
     d = g * turn
     antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e) + C_before @ J @ d
     apparent += d[BG : BG + 3] + C_before.T @ np.cross(rate, turn * up)
-    d[PSI : PSI + 3] -= turn * up  # the tilt that goes with it
+    d[PSI : PSI + 3] -= turn * up  # the tilt that belongs to it
     add_to_state(m, d, layout)
     set_attitude(m, R @ m.C_eb)
     m.r_e[:] = antenna - m.C_eb @ lever_of(m, lever_b, layout)

@@ -1,4 +1,4 @@
-"""The headings of a bank: what an epoch's likelihood says of them, and which of them are still different, compiled.
+"""The headings of a bank: their likelihood at an epoch, and which of them are still distinct; compiled.
 
 Two hypotheses that agree to half a sigma are one Gaussian again; one that is wider than a filter can be linear in is to
 be split (``heading_bank`` does both).
@@ -65,7 +65,7 @@ def is_prunable(bank: Bank, i: int, drop: float) -> bool:
 
 @kernel
 def same_heading(bank: Bank, i: int) -> int:
-    """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
+    """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 if there is none."""
     state = bank.state
     own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
     nearest = max(SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))

@@ -1,4 +1,4 @@
-"""Which motion has been shown: only that tells headings apart, compiled.
+"""The motion that was shown: only that separates headings; compiled.
 
 The horizontal specific force of a vehicle at rest or on a straight is the accelerometers' noise and what tilt and bias
 leave of each other. It drives the velocity as well, so a filter that takes it for motion finds headings in noise.
@@ -17,9 +17,11 @@ from insgnss.geodesy.vectors import Vector
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-FORCE_MEAN_TIME_S: Final = 0.25  # over which specific force and rates are smoothed to tell motion from noise
-VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to tell whether it has changed
-LEVEL_GATE2: Final = 4.0  # squared sigmas of tilt and bias errors, within which a lasting force is no motion
+FORCE_MEAN_TIME_S: Final = (
+    0.25  # over which specific force and rates are smoothed to separate motion from noise
+)
+VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to detect a change
+LEVEL_GATE2: Final = 4.0  # squared sigmas of tilt and bias errors, within which a lasting force is not motion
 MANOEUVRE_S: Final = 1.0  # correlation time of a horizontal specific force that is not credited as motion
 EARTH_RATE_SHARE: Final = 0.2  # of the horizontal Earth rate: gyros with smaller bias errors find north
 
@@ -32,11 +34,11 @@ def motion_specific_force(
 
     The error equation dv' = (I - E^T)(a - g) - C (n + db), E = C_hat C^T, holds the true acceleration a, not the
     measured one: without motion the attitude's errors turn gravity alone, and the horizontal specific force is noise
-    and what tilt and bias leave of each other. A filter that takes it for motion finds headings in it that nothing
+    and the remainder of tilt and bias. A filter that takes it for motion finds headings in it that nothing
     shows. So the horizontal force f_h of the last moments counts by s = 1 - (k^2 N + 2^2 E) / |f_h|^2, N the variance
-    of the sensor's noise in it, drawn anew all the time, and E that of what tilt and bias leave of each other, which
-    lasts. While the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than
-    its grade. What does not count may still be a slow motion that the attitude's errors turn, and what counts holds
+    of the sensor's noise in it, independent from sample to sample, and E that of tilt and bias together, which lasts.
+    While the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than its
+    grade. What does not count may still be a slow motion that the attitude's errors turn, and what counts holds
     the error E: both come in as noise.
     Where the gyros see the Earth's rate, the Earth's turn is a motion that is shown, and everything counts.
 
@@ -119,12 +121,12 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
 
 @kernel(inline=True)
 def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, interval: float) -> None:
-    """Write the antenna's velocity about the IMU, and its way since the last epoch, that may tell of the attitude.
+    """Write the antenna's velocity about the IMU, and its path since the last epoch, that may show the attitude.
 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
-    rest has of it is no motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the variance
-    of the gyros' noise in it, B that of their biases; the lever arm's turn d since the epoch before, T = ``interval``
-    [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the density of the noise.
+    rest has of it is not motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the
+    variance of the gyros' noise in it, B that of their biases; the lever arm's turn d since the epoch before,
+    T = ``interval`` [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the noise density.
     """
     if par.motion_gate2 <= 0.0:
         for i in range(3):

@@ -1,7 +1,7 @@
 """The angle between the nose and the velocity, and how fast a vehicle changes it: it gives a heading after a gap.
 
-The vehicle itself shows whether its course tells its heading: a car keeps the angle within a degree, an aircraft for as
-long as the wind lasts, a drone or a man with a telephone does not.
+The vehicle itself shows whether its course gives its heading: a car keeps the angle within a degree, an aircraft for
+as long as the wind lasts, a drone or a man with a telephone does not.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from insgnss.tables import Float64
 
 LEAST_SPEED_MPS: Final = 3.0
 MOST_SIGMA_RAD: Final = math.radians(5.0)  # of heading and course, for the angle to be known
-# of the nose against the horizon, for the course to tell the heading
+# of the nose against the horizon, for the course to give the heading
 STEEPEST: Final = math.sin(math.radians(45.0))
 LEAST_UPRIGHT: Final = math.cos(math.radians(75.0))
 LONGEST_PAUSE_S: Final = 10.0  # between two epochs whose change counts

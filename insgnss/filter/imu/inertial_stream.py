@@ -1,4 +1,4 @@
-"""Inertial samples on their way into the filter: screened, gaps bridged, events told.
+"""Inertial samples on their way into the filter: screened, gaps bridged, events reported.
 
 ``screened`` takes a whole log, ``SampleStream`` one sample at a time. Both call the same kernel (``screening``).
 """
@@ -32,14 +32,14 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
-# of a kind that comes again and again so many are told one by one, then the 100th, the 1000th ...
+# of a kind that recurs, so many are reported one by one, then the 100th, the 1000th ...
 _EACH: Final = 20
 _SENSORS: Final = ("gyros", "accelerometers")
 _FIRST_ROOM: Final = 1024
 
 
 class Cut(NamedTuple):
-    """Where the filter starts anew: after a gap that is too long, or an outage in which the attitude was lost."""
+    """Where the filter restarts: after a gap that is too long, or an outage in which the attitude was lost."""
 
     last_ns: int  # the last sample before
     next_ns: int  # the first sample after
@@ -53,17 +53,17 @@ class Sample(NamedTuple):
     w_ib_b: Float64
     f_b: Float64
     unknown: Float64  # (2,) as in ``ImuSamples``
-    logged: bool  # whether it stands in the log; else it bridges a gap
+    logged: bool  # whether it is in the log; else it bridges a gap
 
 
 @dataclass
 class ScreeningReporter:
-    """Puts the verdicts into words."""
+    """Writes the verdicts as event texts."""
 
     counts: Counter[str] = field(default_factory=Counter)
 
     def events(self, edits: Edits) -> list[Event]:
-        """Return what is worth telling of verdicts in their order."""
+        """Return the events of verdicts in their order."""
         return [event for edit in edits if (event := self._event(edit)) is not None]
 
     def _event(self, edit: Any) -> Event | None:
@@ -74,15 +74,13 @@ class ScreeningReporter:
         if kind == CUT and size > 0.0:
             return restart_event(t_ns - round(size * NS_PER_S), t_ns)
         if kind == CUT:
-            detail = "the gyros are back, but the attitude is lost: the filter starts anew from the next fix"
+            detail = "the gyros are back, but the attitude is lost: the filter restarts from the next fix"
             return Event(t_ns, "restart", detail)
         if kind == BAD_SAMPLE and size == 1.0:
-            detail = (
-                "an inertial sample holds a value that no sensor gives: left out, up to the next sound one"
-            )
+            detail = "an inertial sample has an impossible value: left out, up to the next valid one"
             return self._counted(t_ns, "imu_bad_sample", detail)
         if kind == SPIKE:
-            detail = f"the {_SENSORS[int(size)]} leap away and back within one sample: left out"
+            detail = f"the {_SENSORS[int(size)]} jump away and back within one sample: left out"
             return self._counted(t_ns, "imu_spike", detail)
         if kind == OUT_BEGINS:
             axes = int(edit["axes"])
@@ -96,7 +94,7 @@ class ScreeningReporter:
         return None
 
     def _counted(self, t_ns: int, kind: str, detail: str) -> Event | None:
-        """Return the event unless there are too many of its kind to tell each."""
+        """Return the event unless there are too many of its kind to report each."""
         self.counts[kind] += 1
         n = self.counts[kind]
         if n <= _EACH:
@@ -108,7 +106,7 @@ def restart_event(last_ns: int, next_ns: int) -> Event:
     """Return the event of a gap too long to bridge."""
     gap = (next_ns - last_ns) / NS_PER_S
     return Event(
-        last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
+        last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter restarts"
     )
 
 
@@ -194,7 +192,7 @@ class SampleStream:
         self._last_ns = 0
 
     def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> list[Sample | Cut | Event]:
-        """Take a sample later than those before it; return what is certain now, in its order."""
+        """Take a sample later than those before it; return the samples that are certain now, in order."""
         if self._n == len(self._waiting[0]):
             self._waiting = [np.concatenate([column, np.zeros_like(column)]) for column in self._waiting]
         times, rates, forces = self._waiting
@@ -218,7 +216,7 @@ class SampleStream:
         return found
 
     def _certain(self, k: int, edits: npt.NDArray[Any]) -> list[Sample | Cut | Event]:
-        """Return what the filter is to do with a sample that has its verdicts."""
+        """Return the filter's action on a sample with its verdicts."""
         t_ns = int(self._waiting[0][k])
         w, f = self._waiting[1][k].copy(), self._waiting[2][k].copy()
         unknown = np.zeros(2)

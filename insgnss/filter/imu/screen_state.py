@@ -1,4 +1,4 @@
-"""What the screening of inertial samples remembers of a log, and how it writes its verdicts down."""
+"""The memory of the screening of inertial samples, and the format of its verdicts."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``amount`` is 1
 SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`` is the sensor
 # a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
 BRIDGE: Final = 3
-BRIDGE_TOLD: Final = 4  # the same, and long enough to be told
-CUT: Final = 5  # too long to bridge: the filter starts anew with this sample; ``amount`` is the step [s]
+BRIDGE_TOLD: Final = 4  # the same, and long enough to be reported
+CUT: Final = 5  # too long to bridge: the filter restarts with this sample; ``amount`` is the step [s]
 REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
 # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
 OUT_BEGINS: Final = 7
@@ -59,17 +59,17 @@ EDIT_DTYPE: Final = np.dtype(
 
 
 class ScreenRecord(Record):
-    """What the screening of the inertial samples remembers."""
+    """The memory of the screening of inertial samples."""
 
     # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
     # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
-    limit: Annotated[Float64, 2]  # larger values are no measurement
-    range: Annotated[Float64, 2]  # declared measuring range, infinite where there is none
+    limit: Annotated[Float64, 2]  # larger values are not measurements
+    range: Annotated[Float64, 2]  # declared measuring range, infinite if not declared
     noise_density: Annotated[Float64, 2]  # white noise of the grade, unit^2 s
     least_change: Annotated[Float64, 2]  # least density of change, unit^2 / s
     longest_step: float  # a longer one is a gap [s]; 0: by the log's own step
     restart_s: float
-    restart_variance: float  # of rotation, beyond which the filter starts anew [rad^2]
+    restart_variance: float  # of rotation, beyond which the filter restarts [rad^2]
     lever2: float  # square of the lever arm, by which an unknown rate moves the antenna [m^2]
     spike_sigma: float  # 0: not tested
     test_outages: int

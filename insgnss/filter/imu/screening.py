@@ -1,6 +1,6 @@
-"""Screening of inertial samples: what is a gap, a bad sample, a spike, a sensor that is out; compiled and causal.
+"""Screening of inertial samples: gaps, bad samples, spikes, sensors that are out; compiled and causal.
 
-A log is judged by what it has shown so far: its own step, its own noise, how fast its rates change. A verdict on a
+A log is judged by its earlier samples: its own step, its own noise, how fast its rates change. A verdict on a
 sample may need the samples after it (a spike is known by the return): until they are there it is undecided, and so is
 what follows. ``replay`` hands over a whole log and the streaming engine what has arrived: both come to the same
 verdicts with the same bits.
@@ -42,8 +42,8 @@ from insgnss.tables import Float64, Int64
 ROOM: Final = 8  # most verdicts on one sample
 GAP_STEPS: Final = 1.75  # steps of more typical ones lack a sample: tags of loggers jitter by less
 STEPS_MEMORY: Final = 64  # steps over which the typical one follows
-TOLD_STEPS: Final = 5.0  # gaps of so many steps are told, if longer than ...
-TOLD_S: Final = 0.05  # ... this: as ``log.imu.time`` tells them
+TOLD_STEPS: Final = 5.0  # gaps of so many steps are reported, if longer than ...
+TOLD_S: Final = 0.05  # ... this: as ``log.imu.time`` reports them
 WIGGLE_TIME_S: Final = 2.0
 MEAN_S: Final = 0.25  # over which samples are averaged to see motion in noise
 CHANGE_TIME_S: Final = 60.0  # over which the changes of the means are averaged
@@ -158,7 +158,7 @@ def is_all_well(s: ScreenRecord) -> bool:
 
 @kernel(apart=True)
 def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: Int64) -> None:
-    """Take a sound sample, what it lacks before it and what is out in it among the verdicts."""
+    """Accept a valid sample: add verdicts on the gap before it and on sensors that are out."""
     dt = (t_ns - s.t_ns) * 1e-9
     even = False
     if s.n > 0:
@@ -212,11 +212,11 @@ def note_step(s: ScreenRecord, dt: float) -> None:
 
 @kernel(apart=True)
 def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64) -> None:
-    """Write down what stands for the time without samples, or that it is too long.
+    """Write the bridging of the time without samples, or that it is too long.
 
     Equation: the rate is a random walk of density q that is known at both ends: its integral over the gap T is
     T (w_0 + w_1) / 2 with the variance q T^3 / 12; the ends' own noise sigma^2 adds sigma^2 T^2 / 2. The same holds for
-    the specific force. q is what the log has shown, at least what the change over the gap itself shows.
+    the specific force. q is from the log, at least from the change over the gap itself.
     """
     step = s.step if s.n_steps > 0 else 0.5 * dt
     length = dt - step
@@ -260,7 +260,7 @@ def begin_anew(s: ScreenRecord, edits: Edits, count: Int64, rotation: float, t_n
 def judge_sensors(
     s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64
 ) -> None:
-    """Write down which sensor goes out or comes back, and what stands for the sample's values while one is out."""
+    """Write which sensor fails or recovers, and the substitute values of the sample while one is out."""
     density = (0.0, 0.0)
     for sensor in range(2):
         axes = 0
@@ -299,7 +299,7 @@ def judge_sensors(
 
 @kernel(inline=True)
 def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, count: Int64) -> None:
-    """Write down that a sensor is back; begin anew where the attitude is lost by then."""
+    """Write down that a sensor is back; restart if the attitude is lost by then."""
     write(edits, count, k, t_ns, OUT_ENDS, s.out_s[sensor])
     edits[count[0] - 1].axes = sensor
     s.out_s[sensor] = 0.0

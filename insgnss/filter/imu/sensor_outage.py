@@ -1,4 +1,4 @@
-"""A sensor that is out: an axis that holds its value, or that stands at the end of its range; compiled.
+"""A sensor outage: an axis that holds its value or is saturated; compiled.
 
 A sound sensor repeats a value now and then: how often, its own resolution and its noise say, and what the log has shown
 so far. A run that these would bring once in a million million samples is an outage. Where a sensor is as coarse as its
@@ -22,7 +22,7 @@ _RARE: Final = math.log(1e-12)
 # Sensors may be quieter than their grade, by smoothing or luck, and then repeat themselves more
 QUIETER: Final = 0.3
 AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, as in ``log.imu.faults``
-# How long a rate or a specific force stays alike: turns and manoeuvres of vehicles take seconds
+# Correlation time of a rate or a specific force: turns and manoeuvres of vehicles take seconds
 MOTION_TIME_S: Final = 2.0
 OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at least: 10 deg/s, 2 m/s^2
 SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
@@ -68,7 +68,7 @@ def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
 
 @kernel(inline=True)
 def note_repeats(s: ScreenRecord, x: Float64) -> None:
-    """Count a sample's repeats, after it has been judged; an axis that is out tells nothing of the sound one."""
+    """Count a sample's repeats, after it has been judged; an axis that is out says nothing about a valid one."""
     for axis in range(6):
         change = abs(x[axis] - s.x[axis])
         if change == 0.0:
@@ -98,7 +98,7 @@ def stuck_kind(s: ScreenRecord, axis: int, value: float) -> int:
 
 @kernel(inline=True)
 def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
-    """Return what stands for the value of an axis that is out.
+    """Return the substitute value of an axis that is out.
 
     The value before it fades to the mean; a saturated one stays, as the truth lies beyond it.
     """
@@ -113,8 +113,8 @@ def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
 def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
     """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
 
-    It is what the log has shown, at least what may change in some seconds; where a sensor is saturated the motion is
-    violent, by how much nobody knows.
+    It is the log's spread, at least the usual change in some seconds; a saturated sensor means
+    violent motion of unknown size.
     """
     seconds = SATURATED_S if saturated else OUT_S
     variance: float = max(s.most_spread2[sensor], seconds * s.least_change[sensor])

@@ -1,4 +1,4 @@
-"""The time tags of a live stream of inertial samples: what falls back, and a tag far ahead of those that follow."""
+"""The time tags of a live stream of inertial samples: tags that fall back, and one far ahead of the next."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ Tagged = tuple[int, Float64, Float64]  # tag, rate, specific force
 
 
 class ReleasedSamples(NamedTuple):
-    """What a sample lets through."""
+    """The samples released by a sample."""
 
     samples: list[Tagged]
     events: list[Event]
-    set_back: bool = False  # the tags before were wrong: begin anew
+    set_back: bool = False  # the tags before were wrong: restart
 
 
 @dataclass
 class TagGuard:
     """Lets samples through in increasing time.
 
-    A leap ahead is a gap or a wrong tag. The next sample tells: it follows the leap, or goes on where the stream was.
+    A leap ahead is a gap or a wrong tag. The next sample decides: it follows the jump, or continues where the stream
+    was.
     Tags that go on behind for a second say that those before were wrong.
     """
 
@@ -34,7 +35,7 @@ class TagGuard:
     _behind: list[Tagged] = field(default_factory=list)
 
     def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> ReleasedSamples:
-        """Take a sample; return what goes on."""
+        """Take a sample; return the samples to process."""
         new = (t_ns, w_ib_b, f_b)
         if self.last_ns is not None and t_ns <= self.last_ns:
             return self._fallen_back(new)
@@ -62,7 +63,7 @@ class TagGuard:
         return ReleasedSamples(samples, events)
 
     def _fallen_back(self, new: Tagged) -> ReleasedSamples:
-        """Refuse a sample that is not later than the newest; begin anew where such samples go on for long."""
+        """Refuse a sample that is not later than the newest; restart if such samples go on for long."""
         assert self.last_ns is not None
         follows = bool(self._behind) and 0 < new[0] - self._behind[-1][0] <= LEAP_NS
         self._behind = [*self._behind, new] if follows else [new]
@@ -70,12 +71,10 @@ class TagGuard:
             samples, self._behind, self._leapt = self._behind, [], None
             back = (self.last_ns - samples[0][0]) / NS_PER_S
             self.last_ns = samples[-1][0]
-            detail = (
-                f"the inertial samples go on {back:.6g} s behind: the tags before were wrong, all starts anew"
-            )
+            detail = f"the inertial samples continue {back:.6g} s earlier: earlier tags were wrong, the filter restarts"
             return ReleasedSamples(samples, [Event(samples[0][0], "restart", detail)], set_back=True)
         if follows:
-            return ReleasedSamples([], [])  # told with the first of them
+            return ReleasedSamples([], [])  # reported with the first of them
         behind = (self.last_ns - new[0]) / NS_PER_S
         return ReleasedSamples(
             [], [_refused(new[0], f"an inertial sample {behind:.6f} s behind the one before it")]

@@ -6,7 +6,7 @@ The carrier's ambiguity is the same in both epochs and falls out of the differen
 which depends on the antenna's position and clock now and then. Then is a part of the filter's state: after each epoch
 antenna position and clock are cloned (``update.clone``) with their correlations to the states they derive from, and
 the clone's error is constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the
-difference is weighed exactly against what the filter knows of both ends, and corrects both. The lever arm of now is
+difference is weighted exactly against the filter's covariance at both ends, and corrects both. The lever arm of now is
 that of then, turned by what counts as a rotation (``motion.place_turning``): the gyros' noise is none.
 
 Neglects: two differences that follow each other share the phase noise of the epoch between them, correlation -1/2;
@@ -31,7 +31,7 @@ from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 
-# the clone's entries stand behind those of a range, its clock last
+# the clone's entries follow those of a range, its clock last
 _THEN: Final = len(RANGE_COLUMNS)
 N_COLUMNS: Final = _THEN + N_CLONE
 _CLOCK_THEN: Final = N_COLUMNS - 1

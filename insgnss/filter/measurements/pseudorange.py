@@ -1,4 +1,4 @@
-"""Pseudorange: how far the satellite was, and what clocks and air add.
+"""Pseudorange: distance to the satellite, clocks and atmosphere.
 
     z = |r_s - r_a| + clock + offset of the system + k channel bias - satellite clock + range bias + f I + T
     H = [-u in position, u x l_e in attitude, 1 in the clock]; 1, k, the sigma of the satellite's range bias and the

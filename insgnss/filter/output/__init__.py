@@ -1,1 +1,1 @@
-"""What the compiled loop writes: navigation rows, ledger, events, traces."""
+"""The compiled loop's output: navigation rows, ledger, events, traces."""

@@ -59,7 +59,7 @@ def deviation_of(P: Float64, a: Float64, b: Float64, at: int) -> float:
 
 @kernel(inline=True)
 def velocity_deviations(P: Float64, C_ne: Float64, T: Float64, out: Float64, to: int) -> None:
-    """Write the standard deviations of the velocity north, east, down from ``to`` on; it stands at 3 of ``out``.
+    """Write the standard deviations of the velocity north, east, down from ``to`` on; it is at 3 of ``out``.
 
     Equation: d v_n = C_ne d v_e + v_n x theta, theta = ``T`` d r_e of ``level_turn``
     """

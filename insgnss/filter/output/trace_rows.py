@@ -1,6 +1,6 @@
-"""What the loop leaves behind when asked: the leader's state at inertial samples and, less often, its covariance.
+"""The loop's trace, on request: the leader's state at inertial samples and, less often, its covariance.
 
-A row stands for its sample before the update of an epoch of the same time: what the filter expects of that epoch, as a
+A row is its sample's state before the update of an epoch of the same time: the filter's prediction for it, as a
 receiver has it at that instant. Its covariance is the one of a navigation row, carried to the row's time.
 """
 
@@ -135,7 +135,7 @@ def write_state(room: TraceRoom, t_ns: int, m: StateRecord, par: Parameters) -> 
 def covariance_due(head: HeadRecord, newest_ns: int, t_ns: int, interval_ns: int) -> bool:
     """Return whether a row at ``t_ns`` needs a covariance of its own.
 
-    It does in a new tick, after the state was set anew, and after an epoch where epochs are a tick or more apart: an
+    It does in a new tick, after the state was reset, and after an epoch where epochs are a tick or more apart: an
     update of a slow receiver changes the covariance much, one of many within a tick changes it little.
     """
     if t_ns // interval_ns != newest_ns // interval_ns or head.renewed_ns >= newest_ns:

@@ -26,7 +26,7 @@ def write_trace(
 ) -> None:
     """Write the leader's state at the bank's time ``t_ns``, and the covariance there where it is due or asked for.
 
-    It is the leader's, or the bank's while the heading is open; of a state that is not finite there is none. The work
+    It is the leader's, or the bank's while the heading is open; a state that is not finite gives none. The work
     space is handed over in its parts: handing over all of it would cost more than the row.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What the compiled loop writes: navigation rows, the ledger of measurements, and events."""
+"""The compiled loop's output: navigation rows, the ledger of measurements, and events."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
 def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     """Return an event of the filter as users read it: ``a`` is its number, if any.
 
-    ``why`` goes on: why a step is believed, what became of the satellites, or what is left without GNSS.
+    ``why`` goes on: why a step is believed, the status of the satellites, or the inputs without GNSS.
     """
     if kind == CLOCK_STEP:
         size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"
@@ -195,12 +195,12 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     if kind == MEASUREMENTS_BACK:
         return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
     if kind == MASKING_WAITS:
-        return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
+        return Event(t_ns, "masking_waits", "the heading is too uncertain for airframe masking")
     if kind == MASKING_ON:
         return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
     if kind == MASKING_UNCERTAIN:
         detail = (
-            f"{a:.0f} satellite-epochs too near to the edge of what the antennas see for this attitude{why}"
+            f"{a:.0f} satellite-epochs too near to the visibility edge for this attitude's uncertainty{why}"
         )
         return Event(t_ns, "masking_uncertain", detail)
     return Event(t_ns, f"kind_{kind}", f"{a}")
@@ -273,7 +273,7 @@ def write_nav(
 ) -> None:
     """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``.
 
-    ``used`` counts the satellites whose ranges were used, and the headings. Of a state that is not finite there is no
+    ``used`` counts the satellites whose ranges were used, and the headings. A state that is not finite gives no
     row. ``P`` is carried to GPS time (``gps_time``).
     """
     if count.nav >= nav.shape[0] or not is_finite(m, P):
@@ -320,7 +320,7 @@ def write_nav(
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
 
-    d is the state of a hypothesis minus the leader's; the clone's part of it is left out, which nobody asks for here.
+    d is the state of a hypothesis minus the leader's; the clone's part of it is left out, as it is not needed here.
     """
     lead = bank.state[bank.head[0].leader]
     n = P.shape[0]
@@ -331,7 +331,7 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
     for i in range(bank.state.shape[0]):
         m: StateRecord = bank.state[i]
         weight = math.exp(m.log_weight)
-        if not weight > 0.0:  # lost, perhaps: nothing times what is no number is none
+        if not weight > 0.0:  # lost, perhaps: zero times NaN is NaN
             continue
         for k in range(3):
             d[DR + k] = m.r_e[k] - lead.r_e[k]

@@ -1,1 +1,1 @@
-"""A user's own measurements: what they are asked, what they are shown of the filter, and their ledger."""
+"""A user's own measurements: their interface, their view of the filter, and their ledger."""

@@ -1,4 +1,4 @@
-"""What a user's measurement answers, checked: rows as the update takes them."""
+"""A user's measurement rows, checked, in the form of the update."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LARGEST_VALUE: Final = 1e18  # in any unit; its square is a number that every t
 class SecondOrder(NamedTuple):
     """A term a^T M b of a prediction, a and b the errors of two blocks."""
 
-    a: Int64  # (n,) where the block stands in the error state
+    a: Int64  # (n,) place of the block in the error state
     b: Int64  # (m,)
     M: Float64  # (n, m)
 
@@ -47,7 +47,7 @@ class CheckedRow(NamedTuple):
 
     innovation: float
     h: Float64  # (k,)
-    columns: Int64  # (k,) where its entries stand in the error state
+    columns: Int64  # (k,) places of its entries in the error state
     variance: float
     single_variance: float  # for the gate
     second: tuple[SecondOrder, ...] = ()

@@ -20,8 +20,8 @@ from insgnss.tables import Event
 _MEMORY_S: Final = 10.0
 _CONTRADICTS: Final = 3.0
 _AGREES: Final = 1.5
-_MOST: Final = 25.0  # a row as far off as 5 sigma: one wild row is no contradiction
-_LONGEST_STEP_S: Final = 5.0  # rows after a pause are no more than so many seconds of evidence
+_MOST: Final = 25.0  # a row as far off as 5 sigma: one outlier is not a contradiction
+_LONGEST_STEP_S: Final = 5.0  # rows after a pause count as at most so many seconds of evidence
 
 
 def contradicting(head: HeadRecord, kinds: Iterable[Kind]) -> frozenset[str]:
@@ -61,7 +61,7 @@ def changes(before: frozenset[str], head: HeadRecord, kinds: Iterable[Kind], t_n
 
 
 def _in_words(head: HeadRecord, kind: Kind) -> tuple[str, str]:
-    nis = f"normalised squared innovations of {kind.name} {head.own_nis[kind.watch]:.1f} in the mean"
+    nis = f"normalised squared innovations of {kind.name} {head.own_nis[kind.watch]:.1f} on average"
     if head.own_contradicts[kind.watch]:
         return "rows_contradict", f"{nis}: its rows are not used until they agree with the other measurements"
     return "rows_agree", f"{nis}: its rows are used again"

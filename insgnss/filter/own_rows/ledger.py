@@ -11,7 +11,7 @@ from insgnss.status import NO_IMU, NOT_STARTED
 
 
 class OwnEntry(NamedTuple):
-    """What became of one row: its entry in the ledger."""
+    """The status of one row: its entry in the ledger."""
 
     t_ns: int
     kind: str
@@ -33,7 +33,7 @@ def complete_ledger(
 
     Parameters
     ----------
-    found : the entries that there are, by time
+    found : the existing entries, by time
     spans_ns : the unbroken stretches of inertial samples, first and last time
     """
     entries: list[OwnEntry] = []
@@ -51,7 +51,7 @@ def complete_ledger(
 
 
 class OwnResults:
-    """What became of own rows in the streaming engine, handed out once it is final."""
+    """The status of own rows in the streaming engine, reported once it is final."""
 
     def __init__(self, own: OwnMeasurements | None) -> None:
         """Begin before the first of them."""
@@ -61,7 +61,7 @@ class OwnResults:
         self._taken_ns = -(2**62)
 
     def keep(self, found: dict[int, list[OwnEntry]], span_ns: tuple[int, int]) -> None:
-        """Keep what was found in a stretch of samples that has ended."""
+        """Keep the entries of a stretch of samples that has ended."""
         self._found |= {t_ns: entries for t_ns, entries in found.items() if t_ns > self._taken_ns}
         if span_ns[0] < span_ns[1]:  # of a single sample the filter makes nothing
             self._spans.append(span_ns)

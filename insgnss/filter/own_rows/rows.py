@@ -1,4 +1,4 @@
-"""A user's own measurement kind: what it is asked for, and what its answers are checked for.
+"""A user's own measurement kind: its interface, and the checks of its rows.
 
 The signs are those of the package. The error is estimate minus truth, ``C_eb_hat = (I + [psi x]) C_eb``. A row's value
 is measured minus predicted, and its partials are those of the **prediction** by the state, with their plain sign: how
@@ -56,7 +56,7 @@ RowsGiven: TypeAlias = Row | tuple[float, Mapping[str, npt.ArrayLike], float] | 
 class Measurement(Protocol):
     """A measurement kind of a user's own, for ``measurements=[...]`` of ``replay`` and ``Engine``.
 
-    Beside what stands here an object may have
+    An object may also have
 
     - ``gate_sigma``: above so many sigmas of its predicted innovation a row is refused; None: no gate. Without it the
       gate is that of the pseudoranges.
@@ -67,7 +67,7 @@ class Measurement(Protocol):
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
-    - ``hint``: what to look at where its rows are refused for long, for the event that tells it.
+    - ``hint``: what to check if its rows are refused for long, for the event.
     """
 
     @property
@@ -161,7 +161,7 @@ def _has(kind: Kind, t_ns: int) -> bool:
 
 
 def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | None:
-    """Return a user's measurements checked, None where there is none.
+    """Return a user's measurements checked, None without any.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
             advice="letters, digits and underscores, as 'map_height'",
         )
     if name in BUILT_IN:
-        raise MeasurementError(f"'{name}' is a built-in kind", advice="call the measurement otherwise")
+        raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
     unit, hint = (str(getattr(source, key, "")) for key in ("unit", "hint"))
     together = bool(getattr(source, "together", False))
     period_ns = _checked_period(name, source)

@@ -35,7 +35,7 @@ class InertialWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class StateEstimate:
-    """What the filter knows at ``t_ns``, before the measurement: copies, read only.
+    """The filter's state at ``t_ns``, before the measurement: copies, read only.
 
     Frames and signs are those of the package: e ECEF, n north-east-down, b forward-right-down; ``C_eb`` takes body axes
     to ECEF. Position and velocity are those of the IMU.

@@ -19,7 +19,7 @@ _OVER: Final = 0.3
 
 
 class Refusals(NamedTuple):
-    """How a sensor has fared of late."""
+    """A sensor's recent agreement with the filter."""
 
     share: float  # of the times at which nothing of it was used
     last_ns: int
@@ -38,7 +38,7 @@ class RefusalWatch:
         return replace(self, kinds=dict(self.kinds))
 
     def take(self, own: OwnMeasurements, t_ns: int, entries: list[OwnEntry]) -> list[Event]:
-        """Take what became of the rows of a time; return what there is to tell."""
+        """Take the status of the rows of a time; return the events."""
         events = []
         by_kind: dict[str, list[OwnEntry]] = {}
         for entry in entries:
@@ -72,4 +72,4 @@ def _refused(name: str, hint: str, rows: list[OwnEntry], since_ns: int, t_ns: in
         ratio = max(abs(row.innovation) / math.sqrt(row.variance) for row in rows if row.variance > 0.0)
         why = f"it contradicts the filter by {ratio:.0f} sigma"
     look = f"; look for: {hint}" if hint else ""
-    return Event(t_ns, "sensor_refused", f"'{name}' is refused since {seconds:.0f} s: {why}{look}")
+    return Event(t_ns, "sensor_refused", f"'{name}' has been refused since {seconds:.0f} s: {why}{look}")

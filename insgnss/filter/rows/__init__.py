@@ -1,1 +1,1 @@
-"""The rows of an epoch: what each line of the work space holds, its noise, what the air adds to it."""
+"""The rows of an epoch: the lines of the work space, their noise, the atmosphere in them."""

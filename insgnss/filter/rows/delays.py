@@ -1,4 +1,4 @@
-"""What the air adds to the rows of an epoch: delays, their growth, and the columns of what the models leave, compiled.
+"""The atmosphere in the rows of an epoch: delays, their rates, and the columns of the models' residuals, compiled.
 
 With I the ionosphere's delay of a code on L1, f the carrier's (f_L1 / f)^2, T the troposphere's delay:
 
@@ -11,12 +11,12 @@ satellite's way through the sky, the antenna's climb, the turn of its horizon an
 epoch that the carrier's difference counts from, else ``LOOK_BACK_S`` ago. T' of a satellite at 6 deg is 19 mm/s.
 Neglects: in a rate the models' bend over half of that time (at 6 deg 1e-5 m/s^2 at rest, 6e-4 at 250 m/s); what the
 antenna accelerates over it (1 g for a second: below 1 mm but for the troposphere's zenith delay, which is the clone's);
-d T' / d v of a climb, 3e-4 of the zenith's mapping, beside the row's own sine of the elevation.
+d T' / d v of a climb, 3e-4 of the zenith's mapping, compared with the row's own sine of the elevation.
 
-What the models leave at the zenith enters as states where the filter has them: w Z of the wet troposphere, q J of the
-ionosphere with the mapping q of a thin shell. Rates and differences know of them what the mappings' growth shows. Their
-own wander in a difference is left out: 1 mm/s of the ionosphere on a bad day, beside 3 mm of a difference's noise; over
-minutes it is what J, seen by the codes with the other sign, takes up.
+The models' residuals at the zenith enter as states where the filter has them: w Z of the wet troposphere, q J of the
+ionosphere with the mapping q of a thin shell. In rates and differences they enter by the growth of the mappings. Their
+own wander in a difference is left out: 1 mm/s of the ionosphere on a bad day, compared with 3 mm of a difference's
+noise; over minutes it is what J, seen by the codes with the other sign, takes up.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def shell_mapping(sine: float) -> float:
 def zenith_columns(
     m: StateRecord, par: Parameters, line: Line, kind: int, count: int, wet: float, shell: float
 ) -> tuple[float, int]:
-    """Write the columns of what the models leave at the zenith from ``count`` on; return what they add, and the end."""
+    """Write the columns of the zenith residuals from ``count`` on; return their contribution, and the end."""
     total = 0.0
     h, columns = line.h[kind], line.columns[kind]
     if par.at_zenith_delay >= 0:

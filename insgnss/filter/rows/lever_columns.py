@@ -40,7 +40,7 @@ def lever_rate_columns(
 
 @kernel(inline=True)
 def _columns(par: Parameters, line: Line, kind: int, count: int) -> int:
-    """Write where the lever arm stands in the error state."""
+    """Write the lever arm's index in the error state."""
     for i in range(3):
         line.columns[kind][count + i] = par.at_lever_arm + i
     return count + 3

@@ -1,4 +1,4 @@
-"""The work space of an epoch: one line for each row of the log, with what the filter expects of its measurements."""
+"""The work space of an epoch: one line for each row of the log, with the prediction of its measurements."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WIDTH: Final = 19  # of the longest row, so that one compiled update serves all 
 
 
 class Line(Record):
-    """What the filter expects of one row."""
+    """The filter's prediction of one row."""
 
     status: Annotated[Int64, N_KINDS]  # per kind: 0 pseudorange, 1 range rate, 2 carrier difference
     innovation: Annotated[Float64, N_KINDS]  # at the prior

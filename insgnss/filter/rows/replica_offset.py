@@ -1,4 +1,4 @@
-"""What a receiver's channels say of replicas that were set by a navigation state: range and range rate, as rows.
+"""A receiver's measured offsets of replicas that were set by a navigation state: range and range rate, as rows.
 
     z_r = r + clock,         h_r = [-u in position, 1 in the clock]
     z_v = r' + drift,        h_v = [g in position, -u in velocity, 1 in the drift]

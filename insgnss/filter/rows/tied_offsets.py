@@ -1,4 +1,4 @@
-"""Clock offsets that are known to be alike but for metres: QZSS's against GPS's of the same band."""
+"""Clock offsets that are known to be equal within metres: QZSS's against GPS's of the same band."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the whole log tells of a moment: the smoother, times between epochs, other points of the body."""
+"""Estimates from the whole log: the smoother, times between epochs, other points of the body."""

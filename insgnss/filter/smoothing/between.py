@@ -1,7 +1,7 @@
-"""Between two epochs: the filter's state at any time with its covariance, and what the later epochs tell of it.
+"""Between two epochs: the filter's state at any time with its covariance, and its correction by later epochs.
 
 From one epoch to the next there is no measurement, so an error at the time t only follows the transition. With x^-, P^-
-the filter's prediction for the next epoch and x^s, P^s what the whole log tells of that,
+the filter's prediction for the next epoch and x^s, P^s the smoothed estimate of it,
 
     x^s(t) = x(t) + C (x^s - x^-),  P^s(t) = P(t) + C (P^s - P^-) C^T,  C = P(t) Phi(k+1, t)^T (P^-)^-1
 
@@ -39,7 +39,7 @@ _AT_ONCE: Final = 1000  # times, whose matrices are then some megabytes
 
 
 class NextEpoch(NamedTuple):
-    """What the smoother knows at the next epoch."""
+    """The smoothed estimate at the next epoch."""
 
     t_ns: int
     prior: Float64  # (q, q) predicted for it
@@ -68,7 +68,7 @@ class InterpolatedStates(NamedTuple):
 
 
 def one_hypothesis(state: StateArray, P: Float64, head: StateArray) -> Bank:
-    """Return a copy of a bank without what only updates need."""
+    """Return a copy of a bank without the data that only updates need."""
     return Bank(state.copy(), P.copy(), head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
 
 
@@ -91,7 +91,7 @@ def smoothed(
     ----------
     bank : the filter of one hypothesis after the earlier epoch
     times_ns : (m,) increasing, after that epoch and before the next
-    onward : what is known at the next
+    onward : the smoothed estimate at the next
     n : error states that are written, without the clone
     """
     begun: list[Bank] = []
@@ -130,7 +130,7 @@ def _told_of(nodes: Nodes, way: Float64, onward: NextEpoch, n: int) -> tuple[Flo
 def regression(cross: Float64, P: Float64) -> Float64:
     """Return ``cross @ P^-1`` of a covariance whose states differ in size by ten powers of ten.
 
-    States without variance, such as the clone at an epoch of a start, tell nothing.
+    States without variance, such as the clone at an epoch of a start, carry no information.
     """
     known = np.flatnonzero(np.diagonal(P) > 0.0)
     scale = 1.0 / np.sqrt(np.diagonal(P)[known])
@@ -148,7 +148,7 @@ def regression(cross: Float64, P: Float64) -> Float64:
 def write_smoothed(
     out_nav: Table, optional: Float64, first: int, found: InterpolatedStates, parameters: npt.NDArray[Any]
 ) -> None:
-    """Write navigation rows from ``first`` on anew, as the smoothed states have them."""
+    """Rewrite navigation rows from ``first`` on from the smoothed states."""
     count = len(found.state)
     rows = slice(first, first + count)
     write_corrected(
@@ -163,7 +163,7 @@ def write_smoothed(
 
 
 def _with_unit_matrix(bank: Bank) -> Bank:
-    """Return a copy of a bank of one hypothesis whose covariance has the unit matrix beside it (1, 2 q, 2 q)."""
+    """Return a copy of a bank of one hypothesis whose covariance is augmented by the unit matrix (1, 2 q, 2 q)."""
     q = bank.P.shape[1]
     P = np.zeros((1, 2 * q, 2 * q))
     P[0, :q, :q] = bank.P[0]
@@ -217,7 +217,7 @@ def carry_through(
 ) -> None:
     """Carry a bank of one hypothesis by way of increasing times, and write what it is at each.
 
-    Its covariance (2 q, 2 q) has the unit matrix beside it. It is carried from sample to sample, as in the filter's
+    Its covariance (2 q, 2 q) is augmented by the unit matrix. It is carried from sample to sample, as in the filter's
     loop; what lies between samples, or within a step of the covariance, is made on ``spare``. ``step`` (2 q, 2 q) keeps
     the covariance at the end of the last step.
     """
@@ -250,7 +250,7 @@ def write_corrected(
     parameters: Table,
     count: Table,
 ) -> None:
-    """Write navigation rows anew from states (m,), corrections (m, n) and covariances (m, n, n), of one heading."""
+    """Rewrite navigation rows from states (m,), corrections (m, n) and covariances (m, n, n), of one heading."""
     for i in range(state.shape[0]):
         close_loop(state[i], correction[i], correction.shape[1])
         count[0].nav = i

@@ -1,4 +1,4 @@
-"""What a navigation row can tell besides its own columns: quaternion, full covariances, and any point of the body.
+"""Further outputs of a navigation row: quaternion, full covariances, and any point of the body.
 
 A point at l from the IMU in body axes, C = C_eb:
 
@@ -66,7 +66,7 @@ POINT_COVARIANCES: Final = (*_of_pairs("cov_point", "", "m2"), *_of_pairs("cov_p
 
 @dataclass(frozen=True)
 class PointColumns:
-    """What is asked for beside the columns that every row has."""
+    """The requested columns besides those of every row."""
 
     lever_b: tuple[float, float, float] | None = None  # IMU to the point, body axes [m]; None: no point
     quaternion: bool = False
@@ -207,9 +207,9 @@ def _of_point(
 
 
 def _level_errors(J: Float64, C_ne: Float64, T: Float64, v_n: Float64) -> tuple[Float64, Float64]:
-    """Return what the errors of the state make of position and velocity north, east, down, (m, 3, 15) each.
+    """Return the Jacobians of position and velocity north, east, down by the state's errors, (m, 3, 15) each.
 
-    ``J`` (m, 6, 15) is what they make of them in ECEF.
+    ``J`` (m, 6, 15) maps them to ECEF.
     """
     return C_ne @ J[:, :3], C_ne @ J[:, 3:] + cross_matrices(v_n) @ T @ J[:, :3]
 

@@ -1,9 +1,9 @@
-"""Epochs in which several headings were open, gone over once more with the one that was found.
+"""Epochs in which several headings were open, rerun with the one that was found.
 
 While a bank is open its hypotheses share the epochs, and none is smoothed: which one is right is not known yet. Once it
 is, the gyros say how the vehicle stood when the bank was opened. The hypothesis nearest to that, turned to it, goes
-over the same epochs alone, with the sigma of its heading as it was. It is then a filter like any other, smoothed from
-what the rest of the log tells of the epoch at which one heading was left. What the rest has told enters its first
+over the same epochs alone, with the sigma of its heading as it was. It is then a filter like any other, smoothed
+from the rest of the log at the epoch at which one heading was left. The information of the rest enters its first
 heading, about which its equations are linear, but not its covariance.
 
 Where it comes to something else than the smoothed filter, the epochs stay as the open bank had them.

@@ -1,4 +1,4 @@
-"""The covariance behind each navigation row of the filter, for what users want of it beside the row's own columns.
+"""The covariance behind each navigation row of the filter, for outputs beyond the row's own columns.
 
 The loop does not keep it. It goes one epoch at a time here: the row of an epoch is the last one written, its covariance
 still in the work space; rows between epochs are made once more from a copy of the filter as the epoch before left it,
@@ -28,7 +28,7 @@ from insgnss.tables import Float64, Int64
 def each_epoch(rows: GnssRows, first: int, last: int, out: Output) -> Iterator[tuple[GnssRows, Output]]:
     """Yield the rows of each of some epochs, and the output with room for their ledger alone.
 
-    What the filter remembers of an epoch is then no more than that.
+    The filter then keeps only this of an epoch.
     """
     for epoch in range(first, last):
         own = slice(int(rows.first[epoch]), int(rows.first[epoch + 1]))

@@ -1,4 +1,4 @@
-"""The fixed-interval smoother: every epoch with what the whole log tells of it, not only what came before.
+"""The fixed-interval smoother: every epoch estimated from the whole log, not only from earlier data.
 
 Rauch, Tung and Striebel's backward pass over the filter's own epochs. With e the smoothed state minus the filter's, and
 kappa what the update of the next epoch added to its prediction,
@@ -17,7 +17,7 @@ as they left it, two filters of one time.
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
 while: from the last epoch that fitted it to the reset the samples count as so unsure that the step is one sigma of
-theirs, and of the clock nothing is carried back. Smoothing stops where the filter began anew: after a restart or a
+theirs, and of the clock nothing is carried back. Smoothing stops where the filter restarted: after a restart or a
 long gap in the samples.
 """
 
@@ -84,7 +84,7 @@ class Smoother:
             self._take(before, alone, kinds)
 
     def _take_own(self, found: OwnUpdate) -> None:
-        """Keep what a user's own rows have made of the filter; of several open headings nothing is kept."""
+        """Keep the filter's update by a user's own rows; with several open headings nothing is kept."""
         bank, opened = self.navigator.bank, self.navigator.opened
         if bank is None:
             return
@@ -100,7 +100,7 @@ class Smoother:
         self._stood = copy_bank(bank)
 
     def _take(self, before: Bank | None, rows: GnssRows, kinds: set[str]) -> None:
-        """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
+        """Keep an epoch's update of the filter ``before`` it, and the ``kinds`` of its events."""
         navigator, bank, stood = self.navigator, self.navigator.bank, self._stood
         self._stood = None
         if bank is None:
@@ -154,7 +154,7 @@ class Smoother:
             self._linked = True
 
     def finish(self, out: Output) -> None:
-        """Write the navigation rows of all that ``forward`` has kept, as the way back makes them."""
+        """Write the navigation rows of everything that ``forward`` kept, from the backward pass."""
         t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
         parameters, n = self.navigator.parameters, OFFSETS + self.navigator.setup.layout.n_values
         for found in self._back():
@@ -192,7 +192,7 @@ class Smoother:
     def _back(self) -> Iterator[SmoothedEpoch]:
         """Yield the epochs from the last to the first, those of open headings in their place."""
         layout = self.navigator.setup.layout
-        later: SmoothedEpoch | None = None  # that tells of the epoch before it
+        later: SmoothedEpoch | None = None  # that smooths the epoch before it
         for kept in reversed(self.kept):
             at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
             if later is not None and at_once:  # as it was before its heading was split
@@ -224,6 +224,6 @@ class Smoother:
 
 
 def _fits(bank: Bank, navigator: Navigator) -> bool:
-    """Return whether a filter agreed with the epoch that it has just taken."""
+    """Return whether a filter agreed with its latest epoch."""
     head: HeadRecord = bank.head[0]
     return bool(head.locked_out == 0 and head.strained_ns == 0 and navigator.health.doubt is None)

@@ -1,6 +1,6 @@
-"""One step of the smoother: from what the whole log tells of an epoch to what it tells of the epoch before.
+"""One step of the smoother: from the smoothed estimate of an epoch to that of the epoch before.
 
-The equations are those of ``smoother``; how an epoch is kept for the way back stands here.
+The equations are those of ``smoother``; the storage of an epoch for the backward pass is here.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class FilteredEpoch(NamedTuple):
 
 
 class SmoothedEpoch(NamedTuple):
-    """What the whole log tells of an epoch, or of a time at which the filter used a user's own rows."""
+    """The smoothed estimate of an epoch, or of a time at which the filter used a user's own rows."""
 
     kept: FilteredEpoch
     e: Float64  # (n,) to be added to the filter's state; with the clone behind it where own rows were used
@@ -88,18 +88,18 @@ def kept_as_opened(bank: Bank) -> FilteredEpoch:
 
 
 def last_of_all(kept: FilteredEpoch, layout: Layout) -> SmoothedEpoch:
-    """Return an epoch of which nothing later tells: as the filter has it."""
+    """Return an epoch without later information: as the filter has it."""
     n = _told(kept, layout)
     return SmoothedEpoch(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
 
 
 def _told(kept: FilteredEpoch, layout: Layout) -> int:
-    """Return of how many error states something is told."""
+    """Return the number of error states with smoothed information."""
     return int(kept.bank.P.shape[1]) if kept.is_own else OFFSETS + layout.n_values
 
 
 def same_time(kept: FilteredEpoch, found: SmoothedEpoch, layout: Layout) -> SmoothedEpoch:
-    """Return what ``found``, of another filter at the same time, tells of this one."""
+    """Return the smoothed estimate of this filter from ``found``, of another filter at the same time."""
     return SmoothedEpoch(kept, apart(found.state(), kept.bank.state[0], layout), found.P, None)
 
 
@@ -112,7 +112,7 @@ def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
 def one_back(
     kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> SmoothedEpoch:
-    """Return an epoch as the ``later`` one tells of it."""
+    """Return an epoch smoothed from the ``later`` one."""
     n, q, known = _told(kept, layout), kept.bank.P.shape[1], len(later.e)
     if later.kept.reset:
         imu, d = across_reset(kept, later, imu, parameters, layout)
@@ -132,7 +132,7 @@ def one_back(
 
 
 def doubt_what_jumped(prior: Float64, d: Float64) -> None:
-    """Let a step at a reset tell nothing of the clocks before it, and of the biases only what it leaves of them."""
+    """Drop the information of a reset's step on the clocks before it, and keep for the biases only what remains."""
     for block in (BA, BG):
         jump = d[block : block + 3]
         prior[range(block, block + 3), range(block, block + 3)] += float(jump @ jump)
@@ -143,7 +143,7 @@ def doubt_what_jumped(prior: Float64, d: Float64) -> None:
 def across_reset(
     kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> tuple[ImuSamples, Float64]:
-    """Return the samples on the way to a reset, and the step of the state from what they make of the filter (n,).
+    """Return the samples before a reset, and the step of the state from their propagated value (n,).
 
     What the filter was off by at the reset had grown since the epoch that last fitted it. By what the samples are off
     is not known, so what they do not show counts as a motion that makes just such a step of one sigma.

@@ -1,1 +1,1 @@
-"""How a filter begins: fix, level, a bank of headings to choose from, the trial of what was given."""
+"""How a filter begins: fix, level, a bank of headings to choose from, the validation of a given start."""

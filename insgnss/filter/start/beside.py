@@ -1,6 +1,6 @@
-"""A bank of copies and alternatives that takes the same epochs as the filter and runs beside it.
+"""A bank of copies and alternatives that takes the same epochs as the filter and runs in parallel.
 
-What it finds is written to no table. Its lock-out and strain are cleared after each epoch: they are the filter's.
+Its results are written to no table. Its lock-out and strain are cleared after each epoch: they are the filter's.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def roomy(
 def update_beside(
     bank: Bank, epoch: GnssRows, imu: ImuSamples, parameters: Table, work: FilterWorkspace, setup: FilterSetup
 ) -> tuple[Output, bool]:
-    """Carry a bank to an epoch and update it; return what it would have written, and whether a covariance was lost.
+    """Carry a bank to an epoch and update it; return its output, and whether a covariance was lost.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def update_beside(
 
 
 def clear_failures(bank: Bank) -> None:
-    """Forget the lock-out and the strain of a bank that runs beside the filter."""
+    """Clear the lock-out and the strain of a bank that runs in parallel with the filter."""
     bank.head["locked_out"] = 0
     bank.head["strained_ns"] = 0
 

@@ -2,7 +2,7 @@
 
 A gap changes neither biases nor inter-system offsets nor noise levels. The heading that is left depends on how far the
 vehicle can have turned: not at all when it stood on both sides; else as far as the rates at both ends of the gap allow,
-and as the course tells where the vehicle has shown that its nose keeps to it (``sideslip``). Roll and pitch come from
+and from the course if the vehicle has shown that its nose follows it (``sideslip``). Roll and pitch come from
 the specific force, biases removed.
 """
 
@@ -54,7 +54,7 @@ _LONGEST_WAY_S: Final = 5.0  # from the first sample to the start, over which th
 _SEEN_S: Final = 10.0  # of motion in which the angle between nose and course has been watched
 _LEAST_SLIP_WALK: Final = math.radians(0.5) ** 2  # [rad^2/s]
 _ALONE_S: Final = 10.0  # after a longer gap the course is not believed alone
-_ALONE_RAD: Final = math.radians(10.0)  # nor where it tells less than that
+_ALONE_RAD: Final = math.radians(10.0)  # nor if it gives less than that
 _COURSE_WEIGHT: Final = 0.9  # of the course then, against all other headings
 _AGREE2: Final = 9.0  # squared sigmas within which course and rates agree
 _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was carried
@@ -62,7 +62,7 @@ _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was car
 
 @dataclass(frozen=True)
 class CarriedState:
-    """What a filter knew when its samples ended."""
+    """A filter's state when its samples ended."""
 
     bank: Bank  # carried to the last sample
     w_b: Float64  # (3,) rate in the last sample, errors removed [rad/s]
@@ -86,7 +86,7 @@ class CarriedState:
 def left_behind(
     bank: Bank, imu: ImuSamples, setup: FilterSetup, parameters: npt.NDArray[Any]
 ) -> CarriedState:
-    """Return what a filter leaves at the end of its samples ``imu``."""
+    """Return the carried start at the end of a filter's samples ``imu``."""
     last, config = copy_bank(bank), setup.config
     scratch = new_scratch(last.P.shape[1])
     carry_bank(last, int(imu.t_ns[-1]), imu, parameters[0], scratch)
@@ -103,7 +103,7 @@ def left_behind(
 
 
 def kept_over(kept: CarriedState | None, cut: Cut) -> CarriedState | None:
-    """Return what is kept over a cut; one that follows another without a start between them makes one of both."""
+    """Return the state kept over a cut; two cuts without a start between them become one."""
     if kept is None:
         return None
     first = kept.cut.next_ns == kept.cut.last_ns
@@ -135,7 +135,7 @@ def open_carried(
     earlier: Fix | None,
     par: Parameters,
 ) -> tuple[Bank, list[Event]] | None:
-    """Return the bank that goes on after a gap, and the event that tells it.
+    """Return the bank that goes on after a gap, and its event.
 
     None where several headings were open and the vehicle did not stay where it was: their biases differ.
 
@@ -194,7 +194,7 @@ def _in_words(kept: CarriedState, fix: Fix, attitudes: list[StartAttitude], park
     if len(attitudes) > 1:
         yaw = f"{len(attitudes)} headings are open"
     detail = (
-        f"{away:.1f} s after the last sample of before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
+        f"{away:.1f} s after the last sample before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
     )
     return f"carried over, {detail}"
 
@@ -223,7 +223,7 @@ def _still_there(
 def _headings(
     kept: CarriedState, imu: ImuSamples, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
 ) -> list[StartHeading] | None:
-    """Return what is left of the heading; None: nothing, the whole circle is open."""
+    """Return the remaining knowledge of the heading; None: the whole circle is open."""
     by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
     by_course = _by_course(kept, fix, v_n, variance_v)
     n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
@@ -283,7 +283,7 @@ def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) ->
 def _carry_sensor_errors(
     kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
-    """Give a hypothesis the sensors' errors of before, and the tilt its share of what they are off by.
+    """Give a hypothesis the earlier sensor errors, and the tilt its share of their uncertainty.
 
     Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """

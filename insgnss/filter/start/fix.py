@@ -33,7 +33,7 @@ def sigma_beyond_m(range_biases: bool) -> float:
 
 @dataclass(frozen=True)
 class Fix:
-    """What one epoch says: the antenna's state at the receiver's time tag."""
+    """The solution of one epoch: the antenna's state at the receiver's time tag."""
 
     t_ns: int
     r_a: Float64  # (3,) antenna, ECEF [m]

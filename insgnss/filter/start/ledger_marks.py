@@ -1,4 +1,4 @@
-"""What became of an epoch's rows outside the compiled filter: before a start, or in the fix of a start or reset."""
+"""The status of an epoch's rows outside the compiled filter: before a start, or in the fix of a start or reset."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED,
 
 
 def mark_rows(out: Output, rows: GnssRows, epoch: int, fix: Fix | None) -> None:
-    """Write what became of an epoch's usable rows outside the filter: not started, or part of a fix."""
+    """Write the status of an epoch's usable rows outside the filter: not started, or part of a fix."""
     ledger = out.ledger
     index = np.arange(rows.first[epoch], rows.first[epoch + 1])
     if len(out.carrier):

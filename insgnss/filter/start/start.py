@@ -49,7 +49,7 @@ class StartHeading(NamedTuple):
 
 @dataclass(frozen=True)
 class StartAttitude:
-    """One hypothesis of the attitude at the start, and what is known of the gyro bias with it."""
+    """One hypothesis of the attitude at the start, and the gyro bias with its covariance."""
 
     roll: float
     pitch: float
@@ -64,7 +64,7 @@ class StartAttitude:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Where the antenna is and how it moves at the start, with what is known of it."""
+    """Position and motion of the antenna at the start, with covariances."""
 
     t_ns: int
     r_a: Float64
@@ -76,7 +76,7 @@ class Kinematics:
     sd_clock: float
     sd_drift: float
     offsets: Float64  # (g - 1,) NaN where not known
-    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm stands between
+    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm is involved
 
 
 def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConfig) -> Kinematics:
@@ -174,13 +174,13 @@ def headings_around(yaw: float, weights: list[float]) -> list[StartHeading]:
 def _gyro_bias(
     window: AlignmentWindow, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
 ) -> tuple[Float64, float | None]:
-    """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read, else none."""
+    """Return the gyro bias and its sigma: at rest the grade's prior combined with the gyros' readings, else none."""
     prior = sensor.gyro_bias.sigma
     if not at_rest:
         return np.zeros(3), None
-    # a sensor far worse than its grade: what it reads at rest is believed rather than the grade
+    # a sensor far worse than its grade: its readings at rest count rather than the grade
     prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
-    # a third of the spread stands for what sways during the window; white noise averages down
+    # a third of the spread represents swaying during the window; white noise averages down
     read = math.hypot(math.sqrt(sensor.gyro_density / window.length_s), window.spread_w / 3.0)
     share = prior**2 / (prior**2 + read**2)
     return share * (window.w_ib_b - w_ie_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
@@ -196,7 +196,7 @@ def open_bank(
     t_imu_ns: np.ndarray,
     layout: Layout,
 ) -> Bank:
-    """Return the bank that stands at the start: one filter for each attitude."""
+    """Return the bank at the start: one filter for each attitude."""
     bank = new_bank(len(attitudes), layout.n_optional)
     bank.head["now_ns"] = kin.t_ns
     bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
@@ -252,7 +252,7 @@ def _place_further(P: Float64, layout: Layout) -> None:
 def _place_variances(
     P: Float64, kin: Kinematics, C_nb: Float64, sensor: SensorModel, config: FilterConfig
 ) -> None:
-    """Write what is known of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
+    """Write the variance of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
     P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(C_nb[2]))
@@ -267,7 +267,7 @@ def _place_variances(
 
 
 def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, layout: Layout) -> None:
-    """Let what the gyros read at rest tell of all that makes up their error, each by its variance.
+    """Update every part of the gyros' error from their readings at rest, each by its variance.
 
     Equation: of e = J x with cov(e) = A = J P J^T, now known as e_0 with S: G = P J^T A^-1, x = G e_0 and
               P <- P - G (A - S) G^T, with which J x = e_0 and J P J^T = S
@@ -292,7 +292,7 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, 
 def _place_attitude_covariance(
     m: StateRecord, P: Float64, attitude: StartAttitude, C_ne: Float64, layout: Layout
 ) -> None:
-    """Write what is known of the attitude.
+    """Write the covariance of the attitude.
 
     When the accelerometers levelled it at rest, tilt and the accelerometers' error are one: with C f_b = (0, 0, -g),
     psi_N = e_E / g and psi_E = -e_N / g, e = estimated minus true error in n.

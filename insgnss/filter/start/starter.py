@@ -39,7 +39,7 @@ _LEAST_RATES = 4  # for a velocity and a clock drift
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS = 0.5
 _WAIT_FIXES = 3  # after a gap, for a second velocity
-_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre in which nobody can be levelled
+_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -55,7 +55,7 @@ class Starter:
     carried: CarriedState | None = None  # from before a gap in the samples
 
     def begin(self, *, given: bool, carried: CarriedState | None) -> None:
-        """Say what a stretch of samples begins with: an unused given start, and what was carried to it."""
+        """State the start of a stretch of samples: an unused given start, and the carried state."""
         self.given, self.carried = given, carried
 
     def snapshot(self) -> Starter:
@@ -65,7 +65,7 @@ class Starter:
     def try_start(
         self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
-        """Return the bank opened at ``epoch`` if it can be, the fix it stands on, and events to tell."""
+        """Return the bank opened at ``epoch`` if it can be, the fix it is based on, and events to report."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.given:
             return self._given_start(imu, rows, epoch, par)
@@ -82,7 +82,7 @@ class Starter:
         window_ns = int(start.window_s * NS_PER_S)
         window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
         if patient and fix.v_a is None and np.sum(fix.tried[RANGE_RATE]) >= _LEAST_RATES:
-            return None, fix, []  # an epoch whose range rates agree tells far more of the motion
+            return None, fix, []  # an epoch whose range rates agree shows far more of the motion
         motion = self._motion(fix)
         if window is None or motion is None:
             return None, fix, []
@@ -254,7 +254,7 @@ def _allowance(P_v: Float64) -> float:
 
 
 class EpochView(NamedTuple):
-    """What an epoch looks like from a state."""
+    """An epoch's rows as predicted from a state."""
 
     clocks: Float64  # (g,) of each group [m], NaN without rows
     drift: float  # [m/s]

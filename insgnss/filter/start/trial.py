@@ -1,14 +1,14 @@
-"""A given start on trial: beside the filter that believes it run others that do not, until the measurements decide.
+"""Validation of a given start: automatically started filters run in parallel until the likelihood decides.
 
-A heading that is wrong by far more than its sigma can be swallowed: biases of a consumer's sensors explain the first
-turn, and the sigma shrinks as if they were right. No innovation is large enough for a gate then, but the likelihood of
-all of them tells. So a copy of the filter runs in a bank with rivals that were started automatically, of the same
-heading and of headings all around, each of a low prior weight. When the measurements leave nothing of the given
-attitude, the rivals take its place; when they leave nothing of the rivals, or these have come to the same attitude, the
-trial is over. The filter itself is not touched by it, to the bit.
+A heading that is wrong by far more than its sigma can be absorbed: biases of consumer-grade sensors explain the first
+turn, and the sigma shrinks as if they were right. No innovation is then large enough for a gate, but the likelihood of
+all of them shows it. So a copy of the filter runs in a bank with rivals that were started automatically, of the same
+heading and of headings all around, each of a low prior weight. When the measurements rule out the given
+attitude, the rivals replace it; when they rule out the rivals, or these reach the same attitude, the validation ends.
+It does not change the filter itself by a bit.
 
 A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
-others do, but it has the given attitude, and what the filter makes of its position is left to itself.
+others do, but it has the given attitude, and the filter corrects its position by itself.
 
 It takes one epoch a second, whatever the receiver's rate. Nothing decides while the velocity stays as it is, at rest or
 on a straight: after a minute of that it takes one in ten seconds, until the velocity changes.
@@ -41,7 +41,7 @@ _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or p
 _OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
 _HOPELESS: Final = -30.0  # logarithm of the share of its prior at which a rival goes: at first it knows less
 _HALF: Final = math.log(0.5)
-_SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
+_SETTLING_NS: Final = NS_PER_S  # while the alternatives settle, no likelihood counts
 _PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
 _CALM_PERIOD_NS: Final = 10 * NS_PER_S
 _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
@@ -54,7 +54,7 @@ _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has
 
 @dataclass
 class StartValidation:
-    """The rivals of a given start and what the measurements say of them."""
+    """The alternatives to a given start and their likelihoods."""
 
     setup: FilterSetup
     starter: Starter = field(init=False)
@@ -152,7 +152,7 @@ class StartValidation:
     def _open(
         self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
     ) -> None:
-        """Start the rivals at an epoch, if it allows that, with what the filter has found of noise levels."""
+        """Start the rivals at an epoch, if it allows that, with the filter's estimated noise levels."""
         t_ns = int(rows.epoch_ns[epoch])
         lead = bank.state[bank.head[0].leader]
         self.starter.headings = self._headings(bank)
@@ -204,7 +204,7 @@ class StartValidation:
 
 
 def banks_of(bank: Bank | None, trial: StartValidation | None) -> list[Bank]:
-    """Return all that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+    """Return everything carried along with the samples: the filter, if it has started, and its alternatives."""
     return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
 
 

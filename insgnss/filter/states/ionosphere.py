@@ -1,4 +1,4 @@
-"""What the ionosphere's model leaves at the zenith, on L1 [m]."""
+"""The residual of the ionosphere model at the zenith, on L1 [m]."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The errors of satellites' ranges that last for minutes: orbit and clock of the message, one state each.
 
-The states are in sigmas: a row's column is the sigma of its own satellite. As they cannot be told from the antenna's
-position and the receiver's clock but by the satellites' way through the sky, they are found slowly, and the sigma of
-the position stays what they leave of it.
+The states are in sigmas: a row's column is the sigma of its own satellite. As only the satellites' motion through
+the sky separates them from the antenna's position and the receiver's clock, they converge slowly, and they bound the
+sigma of the position from below.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a block of further states is chosen by."""
+"""The inputs that choose a block of further states."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SlowSizes(NamedTuple):
 
 
 class StateInputs(NamedTuple):
-    """The settings, and what the log holds."""
+    """The settings, and the content of the log."""
 
     config: FilterConfig
     clock_groups: tuple[str, ...]  # see ``gnss.clock_groups``; the first keeps the receiver clock

@@ -1,4 +1,4 @@
-"""What the troposphere's model leaves of the wet delay at the zenith [m]."""
+"""The residual wet delay of the troposphere model at the zenith [m]."""
 
 from __future__ import annotations
 

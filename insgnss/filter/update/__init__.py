@@ -1,1 +1,1 @@
-"""One GNSS epoch in the compiled filter: which of its rows count, and what they tell."""
+"""One GNSS epoch in the compiled filter: which of its rows count, and their information."""

@@ -1,9 +1,9 @@
 """The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
 
-No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what the satellites show against
-each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are
-near one and sigma means something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest)
-do not show in what is left: they are in no sigma.
+No fixed sigma suits a survey receiver under open sky and a telephone in a street. From the satellites' residuals
+against each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised
+innovations are near one and sigma means something. Slow errors that persist for many epochs (atmosphere, orbits,
+multipath at rest) do not show in what is left: they are in no sigma.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _STORM: Final = 9.0  # ratio of the median square beyond which most rows are wor
 _STORM_GAIN: Final = 0.2
 _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
-_BIAS_GAIN: Final = 0.1  # per second: a crystal is what it is, and one value says little
+_BIAS_GAIN: Final = 0.1  # per second: a crystal does not change, and one value says little
 _LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
 _LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
@@ -46,15 +46,15 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
 
     Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
-    Each row weighs as much as it is its own, 1 - g D g^T / r, and no more than three sigmas; what it cannot tell counts
-    as expected. r is the variance before the factor, so the return value is what the factor should be. What all
+    Each row has the weight of its own part, 1 - g D g^T / r, and counts at most three sigmas; the part it cannot show
+    counts as expected. r is the variance before the factor, so the return value is what the factor should be. What all
     satellites have in common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
     """
     total = 0.0
     used = 0
     for j in range(lines.shape[0]):
         line: Line = lines[j]
-        # a row with more noise than its own tells nothing of the noise
+        # a row with more noise than its own says nothing about the noise
         if line.status[kind] != USED or line.doubt > 0.0:
             continue
         rest = line.innovation[kind] - explained_by(line, kind, fit)
@@ -70,7 +70,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
 def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float:
     """Return by how much most rows of a kind are worse than assumed, those that the gate refused included.
 
-    The median of squares, against the prediction and against what the rows have in common: the smaller of both counts.
+    The median of squares, against the prediction and against the rows' common part: the smaller of both counts.
     A few satellites that are wrong do not move the first, a wrong prediction does not move the second.
     """
     least = math.inf
@@ -160,7 +160,7 @@ def adapt_noise(
 def common_ratio(lines: Lines) -> float:
     """Return the square of what the carrier differences of an epoch have in common over its expectation, or -1.
 
-    Over one interval the common part is the clock's wander and little else; -1 stands for too few rows.
+    Over one interval the common part is the clock's wander and little else; -1 means too few rows.
     """
     total = 0.0
     predicted = 0.0

@@ -1,6 +1,6 @@
-"""Feeding an epoch's correction back: the state's own reset, and that of the axes its covariance stands in, compiled.
+"""Feeding an epoch's correction back: the state's own reset, and that of the axes of its covariance, compiled.
 
-The errors of attitude and biases belong to the body. With a new heading their axes turn, and what the gyros have shown
+The errors of attitude and biases belong to the body. With a new heading their axes turn, and the gyros' information
 (bias plus Earth rate) stays as well known as it was.
 """
 
@@ -94,7 +94,7 @@ def turn_attitude_errors(
     tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
     What has been measured stays as well known as it is: position and velocity of the antenna at the end of its lever
     arm, and what the gyros show, bias plus Earth rate. Left where they were, the next antenna position would seem to
-    tell of the heading.
+    show the heading.
 
     Equation: P <- T P T^T with psi' = R psi, R = exp([u (u . delta psi) x]), u the vertical,
               dr' = dr + (I - R)(psi x l), dv' = dv + (I - R)(psi x a), a = C_eb (w_ib x l) as it was shown,
@@ -107,7 +107,7 @@ def turn_attitude_errors(
     """
     axis = up_direction(m.r_e)
     angle = axis[0] * correction[PSI] + axis[1] * correction[PSI + 1] + axis[2] * correction[PSI + 2]
-    if not abs(angle) >= _NO_TURN:  # nor one that is no number
+    if not abs(angle) >= _NO_TURN:  # nor one that is not a number
         return
     turn = axis, math.sin(angle), 1.0 - math.cos(angle)
     x, y, z = turned(axis, -turn[1], turn[2], 0.0, 0.0, WGS84_OMEGA_RADPS)

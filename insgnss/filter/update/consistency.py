@@ -3,7 +3,7 @@
 Taking out the row that stands out most, again and again, fails where several are wrong at once: under a wide prior
 three wrong rows of twelve pull the solution so far that in one case of four a sound row stands out most. Here all sets
 of one, two and three rows are compared, the smallest that leaves the others in agreement wins, and what then agrees
-with those is taken back. Nothing is looked at beyond the epoch's innovations and their covariance at the prior.
+with those is taken back. Nothing is used beyond the epoch's innovations and their covariance at the prior.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
-LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
+LEAST_WITNESSES: Final = 6  # fewer rows cannot show which of them is wrong
 LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
 _LARGEST_SET: Final = 3
 _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
@@ -57,8 +57,8 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
     Equation: with the innovations y of covariance S = H P H^T + R at the prior and W = S^-1, a row's distance from all
     others is w^2 = (W y)_j^2 / W_jj; a set's (W y)_J^T W_JJ^-1 (W y)_J is by how much y^T W y falls without it
                                                                                    [Baarda 1968; Teunissen 2000, ch. 4]
-    It allocates its work space: only an epoch that ``disagrees`` comes here. Where a variance of S is not positive and
-    finite nothing can be told of any row, and none is marked.
+    It allocates its work space: only an epoch that ``disagrees`` comes here. If a variance of S is not positive and
+    finite, no row can be judged and none is marked.
     """
     index = np.empty(lines.shape[0], np.int64)
     n = 0
@@ -120,7 +120,7 @@ def is_variance(value: float) -> bool:
 def exchange(T: Float64, j: int) -> bool:
     """Take row ``j`` into the set A of active rows, or out of it again: a step of Gauss and Jordan, its own inverse.
 
-    Within A then stand S_AA^-1 and S_AA^-1 y_A; outside what is left of S and y given the rows of A. The pivot is a
+    Within A then stand S_AA^-1 and S_AA^-1 y_A; outside, S and y conditioned on the rows of A. The pivot is a
     variance, or the inverse of one; of any other nothing is changed, and the answer is no.
     """
     n, width = T.shape
@@ -169,7 +169,7 @@ def own_distance2(T: Float64, j: int) -> float:
 def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> int:
     """Take out the smallest set of rows that leaves all others within the gate; return its size.
 
-    The largest set that may be tried goes in any case. Where the numbers of ``T`` tell of no set, the size is 0.
+    The largest set that may be tried goes in any case. If the numbers of ``T`` indicate no set, the size is 0.
     """
     candidates = np.zeros(_MOST_CANDIDATES, np.int64)
     n_candidates = stand_out_most(T, active, candidates)
@@ -226,7 +226,7 @@ def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> bool:
     """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least; return whether there is one.
 
     Equation: (W y)_J^T W_JJ^-1 (W y)_J, built up row by row: what the next row adds given those before. A set of
-    rows of which one is no more than a sum of the others has no such number, and is passed over.
+    rows of which one is a linear combination of the others has no such number, and is passed over.
     """
     n, m = T.shape[0], candidates.shape[0]
     largest = -1.0

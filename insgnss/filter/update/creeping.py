@@ -1,6 +1,6 @@
 """Satellites whose measurements creep away from those of all others, slower than any gate sees. Compiled.
 
-What one satellite shows against the others (the parity part of ``integrity``) does not depend on where the filter
+One satellite's deviation from the others (the parity part of ``integrity``) does not depend on where the filter
 believes to be, so it can be followed for as long as one likes:
 
     range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once
@@ -54,8 +54,8 @@ REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
-_FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
-# errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
+_FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
+# errors of a rate in a street or of a walker persist for so long, twice their correlation time
 _ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
 # that long a band stays out once it was found by range or rate: turns hide satellites
@@ -64,7 +64,7 @@ _HELD_S: Final = (3.0, 20.0)
 KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
-_TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
+_TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that is not known yet
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
 
@@ -122,9 +122,9 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
 
 @kernel(inline=True)
 def takes_part(line: Line, kind: int) -> bool:
-    """Return whether a row tells of its satellite: not one of a clock that is not known yet, no range out of its gate.
+    """Return whether a row can show its satellite's error: its clock is known, and a range is inside its gate.
 
-    A range rate may be out of its gate, or left out: that it is so all the time is what is looked for.
+    A range rate may be out of its gate, or left out: a permanent one is the fault searched for.
     """
     if kind == RANGE_RATE:
         return bool(line.status[kind] == USED or line.status[kind] == GATED or line.status[kind] == DRIFTING)
@@ -133,7 +133,7 @@ def takes_part(line: Line, kind: int) -> bool:
 
 @kernel(inline=True)
 def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
-    """Carry one row's means on by what ``fit`` leaves of it."""
+    """Update one row's means by its residual after ``fit``."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
     if kind == PSEUDORANGE:
         since = now - mean[RANGE_S]

@@ -39,7 +39,7 @@ _SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
 
 
 class UpdateOutcome(NamedTuple):
-    """What an epoch did to one hypothesis."""
+    """An epoch's effect on one hypothesis."""
 
     log_likelihood: float
     ranges_used: int
@@ -135,7 +135,7 @@ def update_epoch(
 def begin_difference(
     m: StateRecord, P: Float64, par: Parameters, s: EpochWorkspace, t_ns: int, response: Float64
 ) -> None:
-    """Let this epoch's antenna be what the next epoch's carriers are differences to."""
+    """Make this epoch's antenna the reference of the next epoch's carrier differences."""
     keep_clone_rows(P, par, s.vectors)
     clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
     if response.shape[0] > 0:
@@ -144,7 +144,7 @@ def begin_difference(
 
 @kernel(inline=True)
 def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
-    """Write what a smoother needs of the epoch before, now that it goes."""
+    """Write the smoother's data of the epoch before, which is about to be replaced."""
     for i in range(N_CLONE):
         for j in range(P.shape[0]):
             vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
@@ -160,7 +160,7 @@ def clone_response(response: Float64, at_clone: int) -> None:
 
 @kernel(inline=True)
 def leave_out(rows: GnssRows, epoch: int, lines: Lines) -> None:
-    """Write into the lines of an epoch that there is no filter to use its rows."""
+    """Mark the rows of an epoch as unused because no filter runs."""
     first = rows.first[epoch]
     for j in range(rows.first[epoch + 1] - first):
         line = lines[j]
@@ -202,7 +202,7 @@ def use_epoch(
     most: int,
     response: Float64,
 ) -> tuple[float, float, int]:
-    """Update with all rows of an epoch; return what ``use_rows`` adds up, and how many rows were taken out again.
+    """Update with all rows of an epoch; return the sums of ``use_rows``, and how many rows were taken out again.
 
     Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
     found and the update is done once more without them; an epoch that agrees costs nothing.
@@ -267,7 +267,7 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
 
 @kernel(inline=True)
 def counted_again(done: UpdateOutcome, lines: Lines, par: Parameters) -> UpdateOutcome:
-    """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
+    """Return the outcome without satellites that are left out: known faults do not count against the filter."""
     again = UpdateOutcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
     for kind in range(2):
         used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
@@ -302,8 +302,8 @@ def use_rows(
     q <- q - K h q.
 
     ``spread`` s is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are alike over n epochs has the variance of one, not of one n-th. So n rows tell as much as n / s
-    independent ones, of their noise r, too:
+    of n errors that are equal over n epochs has the variance of one, not of one n-th. So n rows carry the information
+    of n / s independent ones, of their noise r, too:
 
         ln L = -1/2 sum (y^2 / S + ln(S / (s r)) + (ln r) / s),   S = h P h^T + s r
 
@@ -347,7 +347,7 @@ def charge(
 def respond(line: Line, kind: int, response: Float64, vectors: Float64) -> float:
     """Correct the response to the shown motion by a row used just now; return the square of what it moved the row by.
 
-    The row's gain still stands where ``scalar_update`` has left it.
+    The row's gain is still where ``scalar_update`` wrote it.
     """
     moved = 0.0
     if response.shape[0] > 0:

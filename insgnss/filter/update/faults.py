@@ -3,10 +3,11 @@
 | fault | test | status |
 |-------|------|--------|
 | several wrong rows under a wide prior | residuals after the update, see ``consistency`` | INCONSISTENT |
-| an error that creeps in (1 m/s, 0.3 m/s) | means of what it shows against the others, see ``creeping`` | DRIFTING |
+| an error that creeps in (1 m/s, 0.3 m/s) | means of its residuals against the others, see ``creeping`` | DRIFTING |
 | a reflected signal in a street | weak for its elevation and too long | REFLECTED |
 
-All are judged on what the epoch shows before any of its rows has moved the state, so the order of rows does not matter.
+All are judged on the epoch's innovations before any of its rows has moved the state, so the order of rows does not
+matter.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
 def refuse_reflections(
     m: StateRecord, lines: Lines, observation: Observations, t_ns: int, par: Parameters
 ) -> None:
-    """Refuse pseudoranges that are much weaker than their elevation lets expect, and too long.
+    """Refuse pseudoranges that are much weaker than expected at their elevation, and too long.
 
     The level of the open sky is followed in the state: C/N0 plus what the elevation explains, of the strongest signal.
     """

@@ -76,7 +76,7 @@ def common_step(
 def absorb_clock_step(
     clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
 ) -> None:
-    """Add a clock step to the state, forget what was known of that clock state, and correct the epoch's innovations."""
+    """Add a clock step to the state, drop that clock state's correlations, and correct the epoch's innovations."""
     clock[kind] += step
     n = P.shape[0]
     old = P[column, column]
@@ -132,7 +132,7 @@ def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> No
 
     Equation: nu = (y_j - y_m)^2 / ((h_j - h_m) P (h_j - h_m)^T + r_j + r_m)
     What all rows share drops out, and with it an ordinary crystal's wander of a decimetre in a second, behind which a
-    slip of a cycle hides from ``gate_rows``. Where no more than half agree, nothing tells which are right: all are
+    slip of a cycle hides from ``gate_rows``. If at most half agree, the right ones are unknown: all are
     refused. All have the same columns. ``vectors`` (4, k) is scratch.
     """
     h = vectors[1]

@@ -1,13 +1,14 @@
-"""What an epoch's innovations are made of: what a wrong position, velocity or clock explains, and the rest. Compiled.
+"""The parts of an epoch's innovations: one explained by position, velocity or clock errors, and the rest. Compiled.
 
-What all satellites show at once is not multipath: [u, 1] maps an error of the antenna's position (or velocity) and of
-the receiver's clock into the ranges of all of them, and nothing else does. So the innovations y of one kind are split,
+A deviation of all satellites at once is not multipath: [u, 1] maps an error of the antenna's position (or velocity)
+and of the receiver's clock into the ranges of all of them, and nothing else does. So the innovations y of one kind are
+split,
 
     y = G x + e,   G = [-u^T 1],   x by least squares,   G^T R^-1 e = 0
 
 into the part G x that the inertial sensors and the clock can explain and the parity part e, which is the satellites'
-own. Noise levels are learnt from e alone (``adaptation``). x is compared with what the filter claims to know of its own
-prediction, and what it shows of it again and again is the filter's own fault (``suspects``).  [Sturza 1988; Mehra 1970]
+own. Noise levels are learnt from e alone (``adaptation``). x is compared with the covariance of the prediction; a
+persistent excess is a fault of the filter itself (``suspects``).  [Sturza 1988; Mehra 1970]
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
-UNKNOWNS: Final = 4  # position or velocity (or the position's change), and the clock's state beside it
+UNKNOWNS: Final = 4  # position or velocity (or the position's change), and the clock's state
 # rows of the work space ``fit``: covariance of what is explained, x, and scratch of three more
 X: Final = 4
 _WORK: Final = 5
@@ -125,7 +126,7 @@ def add_row(line: Line, kind: int, y: float, r: float, fit: Float64) -> None:
 
 @kernel(inline=True)
 def fill_below(fit: Float64) -> None:
-    """Write what stands above the diagonal of the normal equations below it."""
+    """Copy the upper triangle of the normal equations below the diagonal."""
     for i in range(1, UNKNOWNS):
         for j in range(i):
             fit[i, j] = fit[j, i]
@@ -159,7 +160,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
     """Write into ``fit`` what the used rows of a kind have in common; return whether there is a rest to learn from.
 
     The filter's own prediction is believed as far as ten of its sigmas go, which keeps a parity part where rows are
-    few: C = (G^T R^-1 G + (k P)^-1)^-1, x = C G^T R^-1 y, k = 100. D, which stands in ``fit``, is the variance that y
+    few: C = (G^T R^-1 G + (k P)^-1)^-1, x = C G^T R^-1 y, k = 100. D, stored in ``fit``, is the variance that y
     loses if P is right: E[e e^T] = R - G D G^T with D = C + (k - 1) / k C (k P)^-1 C.
     The carrier's difference has no such prior (its own is of two epochs): it needs two rows more than unknowns.
     """
@@ -191,7 +192,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
 
 @kernel(inline=True)
 def add_prior_share(fit: Float64, at: int) -> None:
-    """Add (k - 1) / k C (k P)^-1 C to the covariance C in ``fit``; the inverse stands at ``at``, scratch behind it."""
+    """Add (k - 1) / k C (k P)^-1 C to the covariance C in ``fit``; the inverse is at ``at``, scratch behind it."""
     to = at + UNKNOWNS
     for i in range(UNKNOWNS):
         for j in range(UNKNOWNS):
@@ -251,7 +252,7 @@ def fit_all(lines: Lines, kind: int, fit: Float64) -> bool:
 def follow_explained(
     m: StateRecord, prior: Float64, par: Parameters, lines: Lines, fit: Float64, t_ns: int
 ) -> None:
-    """Carry on what the epochs say of the filter's own prediction, and write how much of it is beyond chance.
+    """Update the statistics on the filter's own prediction, and write how much of it is beyond chance.
 
     Equation: L s = x, L L^T = C + P, mean <- mean + a (s - mean), V <- (1 - a)^2 V + a^2, suspicion = |mean|^2 / V
     which is chi^2 of three while the filter is right: x has the covariance C + P then, and one epoch's is independent

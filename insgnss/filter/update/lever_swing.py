@@ -1,6 +1,6 @@
-"""What an uncertain lever arm keeps when the estimated attitude turns and the vehicle does not, compiled.
+"""An uncertain lever arm when the estimated attitude turns and the vehicle does not; compiled.
 
-The lever arm's error dl stands in the body, what was measured is the antenna: dr + C dl. Where C_eb turns by the gyros'
+The lever arm's error dl is in body axes, the measured point is the antenna: dr + C dl. Where C_eb turns by the gyros'
 noise or by a correction of the heading, the antenna has not moved, so it is the IMU's error that changes:
 
     dr' = dr - D dl,    D the change of C_eb that no rotation has shown

@@ -1,9 +1,9 @@
-"""Attitude-aware masking inside the filter: what the airframe hides is not used, compiled.
+"""Attitude-aware masking inside the filter: hidden satellites are not used; compiled.
 
 A pseudorange of a satellite that the antenna cannot see is a reflection or a false lock. With C_b^n of the state the
 line of sight is known in body axes, with the covariance how well; the stage of ``antenna.visibility`` decides.
                                                                                   [Sokolov & Yurchenko 2015, 3]
-Where the attitude is too uncertain to tell, a row may stay with more noise (``DEWEIGHT``): it is that of a hidden
+If the attitude is too uncertain to decide, a row may stay with more noise (``DEWEIGHT``): it is that of a hidden
 satellite with the probability p, so its error has the variance R + p b^2, b the rms of a false lock's error.
 """
 
@@ -42,9 +42,9 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int8, Int64
 
-OFF: Final = 0  # values of ``Parameters.visibility``: nothing is looked at,
-MASK: Final = 1  # what is hidden is not used,
-LOOK: Final = 2  # or it is, and the ledger tells its gain
+OFF: Final = 0  # values of ``Parameters.visibility``: no masking,
+MASK: Final = 1  # hidden satellites are not used,
+LOOK: Final = 2  # or it is, and the ledger gives its gain
 
 
 NO_LIMITS: Final = VisibilityLimits(-math.inf, 0.0, 0.0, math.inf)
@@ -58,7 +58,7 @@ _BECAME: Final = {
 
 
 class MaskingStage(NamedTuple):
-    """What the stage looks with."""
+    """The antennas and limits of the stage."""
 
     installation: Installation  # the vehicle's antennas; none: nothing is masked
     limits: VisibilityLimits
@@ -76,12 +76,12 @@ def new_masking(
 
 
 def became_of_uncertain(settings: Visibility) -> str:
-    """Return in words what becomes of satellites whose visibility is uncertain."""
+    """Return in words the treatment of satellites whose visibility is uncertain."""
     return _BECAME[settings.uncertain]
 
 
 def still_uncertain(bank: Bank | None, settings: Visibility) -> list[Event]:
-    """Return the event of satellites whose visibility has been uncertain of late, and is not told yet."""
+    """Return the event of satellites whose visibility was uncertain recently, and is not reported yet."""
     if bank is None or bank.head[0].uncertain == 0:
         return []
     head, words = bank.head[0], became_of_uncertain(settings)

@@ -1,6 +1,6 @@
-"""What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
+"""The prediction of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-The equations of each kind are in ``measurements``, what the air adds to all of them in ``delays``. All are of the
+The equations of each kind are in ``measurements``, the atmosphere of all of them in ``delays``. All are of the
 antenna, at r_e + C_eb l with v_e + C_eb (w_ib x l) - w_ie x C_eb l.
 """
 
@@ -31,7 +31,7 @@ from insgnss.tables import Float64
 def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: AntennaState) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
-    The state stands at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
+    The state is at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
     v late - a late^2 / 2 and v_a by a late, a = C_eb (f_b + w x (w x l)) + g - 2 w_ie x v_e. Where the IMU's time is
     estimated, late is more by that, and a holds C_eb (w' x l), w' the angular acceleration.
     Neglects: w' otherwise, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.

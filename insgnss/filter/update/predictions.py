@@ -1,4 +1,4 @@
-"""What the filter expects of a row by its kind: the list of kinds, and the chain that the compiler reads."""
+"""The prediction of a row by its kind: the list of kinds, and the chain that the compiler reads."""
 
 from __future__ import annotations
 

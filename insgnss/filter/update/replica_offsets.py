@@ -1,4 +1,4 @@
-"""The update of the filter with what a receiver's channel says of its replica, compiled."""
+"""The update of the filter with a receiver channel's replica offsets; compiled."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from insgnss.tables import Float64, Int64
 
 @kernel
 def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
-    """Return D = h P h^T of the row ``h`` (>= k,), whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
+    """Return D = h P h^T of the row ``h`` (>= k,), whose entries are in ``columns`` (k,) of the (n, n) covariance."""
     total = 0.0
     for a in range(columns.shape[0]):
         row = columns[a]
@@ -57,7 +57,7 @@ def scalar_update(
               x += K (z - h x)                                              [(7), (8), corrected: running estimate]
               P = (I - K h) P (I - K h)^T + K r K^T = P - s s^T,  s = P h^T / sqrt(S)       [(10), for this very gain]
     One product for each element, and both factors commute: P stays symmetric bit for bit. Where S is not positive and
-    finite, or y no number, nothing is corrected: what is returned tells it.
+    finite, or y not a number, nothing is corrected: the return value says so.
 
     Parameters
     ----------

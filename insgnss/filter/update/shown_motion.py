@@ -1,4 +1,4 @@
-"""The motion that the IMU's time goes with: what the sensors have shown, not what the filter has got wrong."""
+"""The motion for the IMU's time offset: the sensors' measured motion, without the filter's corrections."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
 
         v_shown <- v_shown + share d,  share = 1 - k^2 tr P_v / |d|^2
 
-    Of the change only what the sensors have measured since the last epoch has moved the antenna. The rest was a
+    Only the measured part of the change since the last epoch has moved the antenna. The rest was a
     correction: v is better known, the antenna is where it was, so dr <- dr + share (v_corrected - v_shown) ds.
     """
     at = par.at_imu_time
@@ -49,8 +49,8 @@ def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -
 
     At constant speed v an error ds of the IMU's time moves the antenna along the track as an error of the lever arm
     does, C dl = v ds, in turns as well: both turn with the body. So the turn of the velocity, (C w - w_ie) x v, counts
-    by the rate w that the lever arm's column has (``place_turning``); otherwise the entry of a turn would tell the two
-    apart. Only the rest of the acceleration tells them apart. It counts less its noise, and only while the velocity
+    by the rate w that the lever arm's column has (``place_turning``); otherwise the entry of a turn would separate the
+    two. Only the rest of the acceleration separates them. It counts less its noise, and only while the velocity
     is not that of the last seconds: a vehicle at rest vibrates.
     """
     if par.at_imu_time < 0:

@@ -1,6 +1,6 @@
 """Range rates that are all wrong: those that a receiver repeats, and those that hindsight has found wrong. Compiled.
 
-The same number, epoch after epoch, is no measurement. A satellite's own motion changes its range rate, by 0.01 to
+The same number, epoch after epoch, is not a measurement. A satellite's own motion changes its range rate, by 0.01 to
 0.2 m/s in a second. Where the number in the log stays the same to the last digit although that motion has changed it by
 more than its noise, it was not measured. No state is asked: a filter that follows such rates would take them for its
 own motion before long.
@@ -19,12 +19,12 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
 from insgnss.tables import Float64
 
-# squared sigmas of the row, in the mean of all that repeat. What a resolution q rounds has a sigma of q / sqrt(12): a
+# squared sigmas of the row, averaged over all that repeat. What a resolution q rounds has a sigma of q / sqrt(12): a
 # number that is right repeats until the motion is q, three and a half sigmas
 _FAR2: Final = 16.0
 RATES_OUT_NS: Final = 30_000_000_000  # for which a kind stays out once its rows fit again
 _UNFIT2: Final = 9.0  # squared sigmas of a row that does not
-_KIND: Final = 5  # rows that repeat together are told as a fault of the kind
+_KIND: Final = 5  # rows that repeat together are reported as a fault of the kind
 _AGAIN_NS: Final = 60_000_000_000
 
 

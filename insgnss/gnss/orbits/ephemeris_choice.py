@@ -7,7 +7,7 @@ its messages at hand (the age has a sign, so a user sees it). Of two messages wi
 table counts. When no preferred message is valid the next kind is tried (Galileo: I/NAV, then F/NAV, or the
 reverse); when none is valid at all the reason is UNHEALTHY if a message marked so is, STALE_EPHEMERIS if the
 satellite has any message, else NO_EPHEMERIS. Messages with a rate of the semi-major axis (CNAV, CNV1, CNV2) are not
-used: the table has no place for it. A message whose numbers are no satellite's (``plausible_messages``) counts as
+used: the table has no place for it. A message with impossible numbers (``plausible_messages``) counts as
 absent. States to be integrated (GLONASS, SBAS) are chosen by the same rule; their rows count on after the ephemerides'.
 """
 
@@ -75,7 +75,7 @@ class BroadcastMessages:
 
     satellites: tuple[str, ...]
     index: MessageIndex
-    channels: dict[str, int] = field(default_factory=dict)  # GLONASS, where the messages tell
+    channels: dict[str, int] = field(default_factory=dict)  # GLONASS, if the messages state them
     inter_signal_s: dict[str, Float64] = field(default_factory=dict)  # see ``NavigationData``
 
 
@@ -212,7 +212,7 @@ def _nearest(t_ns: int, index: MessageIndex, first: int, last: int, start: int) 
 
 @kernel
 def choose_message(t_ns: int, satellite: int, index: MessageIndex, place: Int64) -> tuple[int, int]:
-    """Return the message's row and USED, or -1 and the reason why there is none; the rule is the module's.
+    """Return the message's row and USED, or -1 and the reason for no message; the module states the rule.
 
     Parameters
     ----------

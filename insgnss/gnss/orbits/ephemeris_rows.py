@@ -65,7 +65,7 @@ def constants_of(system: str) -> tuple[float, float]:
 def is_beidou_geo(sv: str, message: str) -> bool:
     """Return whether a message's elements are those of a geostationary BeiDou satellite (tilted frame).
 
-    The D2 message is sent by these satellites alone (BDS-SIS-ICD B1I 3.0, 5.1.3); a log that does not tell D1
+    The D2 message is sent by these satellites alone (BDS-SIS-ICD B1I 3.0, 5.1.3); a log that does not separate D1
     from D2 is read by the satellite numbers in use for them.
     """
     return message == "D2" or (message != "D1" and sv in _BEIDOU_GEO)

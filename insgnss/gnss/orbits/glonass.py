@@ -141,7 +141,7 @@ def _integrated(table: StateVectorTable, rows: npt.NDArray[np.intp], reach: int)
 def _between(r0: Float64, v0: Float64, a0: Float64, r1: Float64, v1: Float64, a1: Float64) -> Float64:
     """Return the polynomial of fifth degree with the given ends, one step apart, (n, 6, 3)."""
     T = PIECE_S
-    # what is left of the end's position, velocity and acceleration after the second-order part of the beginning
+    # the remainder of the end's position, velocity and acceleration after the second-order part of the beginning
     r = (r1 - r0 - T * (v0 + 0.5 * T * a0)) / T**3
     v = (v1 - v0 - T * a0) / T**2
     a = (a1 - a0) / T
@@ -164,7 +164,7 @@ def arc_state(arcs: StateVectorArcs, m: int, t: float, out: Float64, j: int) -> 
     j : row of ``out``
     """
     since = t - arcs.start_s[m]
-    piece = 0  # of a time that is no number, too
+    piece = 0  # also for a time that is not a number
     if since > 0.0:
         last = arcs.n_pieces[m] - 1
         piece = int(since / PIECE_S) if since < PIECE_S * last else last

@@ -1,4 +1,4 @@
-"""Which broadcast messages hold the numbers of a satellite: what their own format cannot even write is damage.
+"""Which broadcast messages hold the numbers of a satellite: values outside their own format are damage.
 
 The limits are those of the fields that carry the numbers, bits and scale, of each constellation's document; twice of
 each is allowed, so that no rounding on the way through a file refuses a message. Besides that the ellipse must lie
@@ -33,7 +33,7 @@ NEAREST_M, FARTHEST_M, FASTEST_MPS = 1.0e7, 1.0e8, 9.0e3
 # Of what is added to a range: the widest clock, Galileo's 62.5 ms; with a drift far above what any format holds
 MOST_CLOCK_M, MOST_DRIFT_MPS = 4.0e7, 100.0
 _MARGIN: Final = 2.0
-_LONGEST_FIT_S: Final = 146 * 3600.0  # IS-GPS-200N, table 20-XII: the longest interval an IODC stands for
+_LONGEST_FIT_S: Final = 146 * 3600.0  # IS-GPS-200N, table 20-XII: the longest interval of an IODC
 
 # Fields of two's complement: bits, and the power of two of the last one; those of angles count semicircles
 _GPS: Final = {
@@ -80,7 +80,7 @@ def limit_of(system: str, name: str) -> float:
 
 
 def faults_of_ephemerides(table: EphemerisTable) -> dict[str, Bool]:
-    """Return which messages (n,) are no satellite's, by the field that says so."""
+    """Return which messages (n,) are impossible, by the field that shows it."""
     system = np.array([name[0] for name in table.sv_names], dtype="U1")
     faults: dict[str, Bool] = {}
     with np.errstate(invalid="ignore", over="ignore"):
@@ -102,7 +102,7 @@ def faults_of_ephemerides(table: EphemerisTable) -> dict[str, Bool]:
 
 
 def faults_of_states(table: StateVectorTable) -> dict[str, Bool]:
-    """Return which states (n,) of GLONASS and SBAS are no satellite's, by what says so."""
+    """Return which states (n,) of GLONASS and SBAS are impossible, by the field that shows it."""
     most = np.array([_MOST_ACCELERATION_MPS2.get(name[0], 0.0) for name in table.sv_names], np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
         distance, speed = np.sqrt((table.r_e**2).sum(axis=1)), np.sqrt((table.v_e**2).sum(axis=1))
@@ -154,7 +154,7 @@ def plausible_klobuchar(coefficients: Float64 | None) -> Float64 | None:
 
 
 def is_ionosphere(coefficients: Float64) -> bool:
-    """Return whether coefficients are what a message can hold: eight as GPS's, three as Galileo's."""
+    """Return whether coefficients are within a message's format: eight as GPS's, three as Galileo's."""
     most = _NEQUICK if len(coefficients) == len(_NEQUICK) else _KLOBUCHAR
     return len(coefficients) == len(most) and bool((np.abs(coefficients) <= _MARGIN * most).all())
 
@@ -165,7 +165,7 @@ def is_inter_signal(seconds: float) -> bool:
 
 
 def refused_messages(navigation: NavigationData | None) -> list[Event]:
-    """Return an event for each satellite with messages that are not used, as their numbers are no satellite's."""
+    """Return an event for each satellite with messages that are not used because their numbers are impossible."""
     if navigation is None:
         return []
     table, states = navigation.ephemerides, navigation.state_vectors

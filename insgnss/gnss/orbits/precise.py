@@ -9,7 +9,7 @@ product NO_EPHEMERIS.
 
 The clocks hold for an ionosphere-free pair of codes (``CLOCK_PAIRS``), without the periodic relativity -2 r.v / c^2,
 which is added here. A single signal needs its group delay against that pair, which the products do not have: it is
-taken from the broadcast message when there is one (``message`` tells which) and is zero elsewhere: up to 8 m
+taken from the broadcast message when there is one (``message`` says which) and is zero elsewhere: up to 8 m
 off. The broadcast delays refer to another combination (signals.py), so the pair's own is subtracted:
 d(signal) - [g1 d(1) - g2 d(2)], g1 = f1^2 / (f1^2 - f2^2), g2 = g1 - 1.
 """

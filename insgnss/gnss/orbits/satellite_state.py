@@ -40,7 +40,7 @@ USUAL_FLIGHT_S = 0.075  # of an epoch without any pseudorange: 20 200 km (GPS, z
 # A flight time this far from the epoch's median is a wrong pseudorange, not a satellite: from low orbit to
 # geostationary orbit they differ by 0.08 s.
 WIDEST_SPREAD_S = 0.1
-_LONGEST_FLIGHT_S = 10.0  # a pseudorange beyond is no number to take the median of, whatever the clock
+_LONGEST_FLIGHT_S = 10.0  # a longer pseudorange is left out of the median, whatever the clock
 _NEAREST_SATELLITE_M = 6.0e6  # from the Earth's centre: a state in the log nearer than this is an empty cell
 
 
@@ -81,14 +81,14 @@ def satellite_states(
     """Return the satellite state of every row of a log.
 
     The message is chosen by the rule of ``ephemeris_choice``: nearest toe among the healthy ones within their
-    validity. States that stand in the log itself are passed through, clock included, without group delay. A row
+    validity. States in the log itself are passed through, clock included, without group delay. A row
     whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL; a GLONASS
-    row whose channel neither the messages nor the log tell keeps both, and the status NO_CHANNEL.
+    row whose channel neither the messages nor the log state keeps both, and the status NO_CHANNEL.
 
     Parameters
     ----------
     gnss : the log
-    nav : broadcast messages, as read or already sorted (then the two settings below are not looked at)
+    nav : broadcast messages, as read or already sorted (then the two settings below are ignored)
     max_age_s : largest distance from toe [s], in place of the messages' own validity
     galileo_message : "INAV" or "FNAV", the one preferred
     """
@@ -113,7 +113,7 @@ def satellite_states(
 
 
 def leave_out_impossible(states: SatelliteStates) -> None:
-    """Make rows whose state is no satellite's ones without a state, by whatever numbers they came to it."""
+    """Turn rows with an impossible satellite state into rows without a state."""
     possible = is_satellite(states.sat, states.clock_m, states.drift_mps)
     stated = (states.status == USED) | (states.status == NO_CHANNEL) | np.isfinite(states.age_s)
     wrong = stated & ~possible
@@ -160,7 +160,7 @@ def no_states(n: int) -> SatelliteStates:
 
 
 def _passed_through(sat: Float64) -> SatelliteStates:
-    """Return the states that stand in the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
+    """Return the states of the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
     states = no_states(len(sat))
     states.status[:] = status_of_given(sat)
     good = states.status == USED
@@ -180,7 +180,7 @@ def status_of_given(sat: Float64) -> UInt8:
     """Return USED for each row of a log's own satellite states (n, 8) that holds a satellite.
 
     NO_EPHEMERIS where cells are empty, position zero or inside the Earth; BAD_VALUE where what they hold is none.
-    Without a velocity or a drift the row has a satellite whose range rate nobody knows.
+    Without a velocity or a drift the satellite's range rate is unknown.
     """
     known = np.nan_to_num(sat[:, 3:8], nan=0.0, posinf=math.inf, neginf=-math.inf)
     good = is_satellite(
@@ -193,7 +193,7 @@ def status_of_given(sat: Float64) -> UInt8:
 
 
 class _SignalFacts(NamedTuple):
-    """What the log's signals mean for each of its satellites, (sv, signal)."""
+    """The properties of the log's signals for each of its satellites, (sv, signal)."""
 
     status: UInt8  # USED, UNKNOWN_SIGNAL or NO_CHANNEL
     factors: Float64  # (sv, signal, 2, 2) of the group delays, for I/NAV and for F/NAV clocks
@@ -304,7 +304,7 @@ def broadcast_states(
         t_transmit_ns = t_ns[i] - np.int64(tau[i] * NS_PER_S)
         k, reason = choose_message(t_transmit_ns, of_sv[s], index, place)
         of_signal = signals.status[s, code]
-        # a missing channel is worth telling only where nothing else is missing
+        # a missing channel is reported only if nothing else is missing
         states.status[i] = of_signal if of_signal == UNKNOWN_SIGNAL or reason == USED else reason
         if k < 0:
             continue

@@ -35,7 +35,7 @@ from insgnss.tables import Float64
 
 OK: Final = 0  # tested, and the rows agree
 EXCLUDED: Final = 1  # the rows agree without those that were excluded
-NOT_IDENTIFIED: Final = 2  # the rows disagree, and which of them is wrong cannot be told
+NOT_IDENTIFIED: Final = 2  # the rows disagree, and the wrong one cannot be identified
 UNTESTED: Final = 3  # a solution without a redundant row
 TOO_FEW: Final = 4  # fewer rows than unknowns
 BAD_GEOMETRY: Final = 5  # singular, or dilution of precision beyond the limit
@@ -44,7 +44,7 @@ _TESTABLE: Final = 1e-6  # a row's share of redundancy below it: its error does 
 
 
 class Redundancy(NamedTuple):
-    """What one fit says of each row's share in the residuals; scratch, allocated once."""
+    """Each row's share in the residuals of one fit; scratch, allocated once."""
 
     S: Float64  # (k, k) I - W^1/2 H P H^T W^1/2
     r: Float64  # (k,) residual / sigma [-]
@@ -53,7 +53,7 @@ class Redundancy(NamedTuple):
 
 
 class Fits(NamedTuple):
-    """What every fit of a log needs: the test's limits and scratch arrays."""
+    """The shared data of a log's fits: the test's limits and scratch arrays."""
 
     limits: Float64  # (k + 1,) limit of chi-square by the number of redundant rows
     work: FitWorkspace
@@ -102,7 +102,7 @@ def redundancy(
 
 @kernel
 def _relief(room: Redundancy, a: int, b: int, shift: Float64) -> float:
-    """Return by how much chi-square falls without row ``a`` (and ``b`` unless negative), -1 where it cannot be told.
+    """Return by how much chi-square falls without row ``a`` (and ``b`` unless negative), -1 where it is undetermined.
 
     ``shift`` receives how far the position moves.
     """
@@ -241,7 +241,7 @@ def many_excluded(
 def agree(
     rows: FitRows, use: Bool, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> tuple[int, float, int]:
-    """Fit an epoch's rows, test them, exclude what is wrong; return verdict, test statistic and redundant rows.
+    """Fit an epoch's rows, test them, exclude faulty ones; return verdict, test statistic and redundant rows.
 
     The statistic is the chi-square of all rows offered, infinite where they have no common fit. NOT_IDENTIFIED leaves
     the best there is in ``x``.
@@ -282,7 +282,7 @@ def agree(
 def protection_levels(
     use: Bool, room: Redundancy, P: Float64, C_ne: Float64, limit: float, missed_sigmas: float
 ) -> tuple[float, float]:
-    """Return horizontal and vertical protection level [m]: what one undetected fault can do, with noise on top.
+    """Return horizontal and vertical protection level [m]: the effect of one undetected fault, plus noise.
 
     Equation: VPL = max_k slope_k sqrt(T) + K sigma_v, slope_k = |position per unit of test statistic| of a fault in row
     k, T the limit of the chi-square test, K the normal quantile of a missed detection; HPL likewise, its sigma along

@@ -56,11 +56,11 @@ from insgnss.tables import Float64, Int64
 
 _UNCORRECTED_SIGMA_M: Final = 15.0  # of the first fit, which knows no elevation and no atmosphere
 _STILL_M: Final = 1.0  # the corrections of a place a metre away differ by less than 2 mm
-_MOST_PASSES: Final = 5  # two or three do; more only where a satellite stands on the mask
+_MOST_PASSES: Final = 5  # two or three do; more only where a satellite is at the mask
 
 
 class PointFit(NamedTuple):
-    """What the rows of one kind of an epoch say: position and clocks, or velocity and drift."""
+    """The solution from the rows of one kind of an epoch: position and clocks, or velocity and drift."""
 
     use: Bool  # (k,) rows in the solution
     x: Float64  # (3 + groups,) NaN where there is nothing
@@ -327,7 +327,7 @@ def _solve_velocity(
 
 @kernel
 def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out: PointLog) -> None:
-    """Solve every epoch of a log; positions stand at the time of reception, clock / c before the tags.
+    """Solve every epoch of a log; positions are at the time of reception, clock / c before the tags.
 
     Parameters
     ----------

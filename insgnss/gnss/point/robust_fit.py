@@ -6,8 +6,8 @@ its score is the sum of squared normalised residuals of all rows, each cut at ``
 best candidate are fitted together, then rows are dropped and taken in one by one.
 
 Almost all subsets are worse than the best one by far. A candidate by the rows linearised at the best position so far
-costs a fifth of its fit and shows that; only what comes near the best is fitted. The margins of ``_is_worse`` hold
-what the rows' curvature can make of it, so that the result is that of fitting every subset.
+costs a fifth of its fit and shows that; only what comes near the best is fitted. The margins of ``_is_worse`` cover
+the effect of the rows' curvature, so that the result is that of fitting every subset.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _NEAR_M: Final = 200.0
 _NEAR_FACTOR, _NEAR_SHARE = 1.2, 0.5
 # A second step, the rows bent, is exact to a millimetre within 10 km
 _SECOND_FACTOR, _SECOND_SHARE, _SECOND_M = 1.01, 0.01, 1e4
-_LEAST_DETERMINANT: Final = 1e-9  # beside the cubed trace: dilution beyond 1e4
+_LEAST_DETERMINANT: Final = 1e-9  # relative to the cubed trace: dilution beyond 1e4
 # Where rows can be linearised: on the Earth or above it
 LOWEST_M, HIGHEST_M = 6.3e6, 1.0e8
 
@@ -197,7 +197,7 @@ def _add_step(group: Int64, members: Int64, m: int, linear: LinearisedRows) -> N
 
 @kernel
 def _left(k: int, group: Int64, bent: bool, linear: LinearisedRows) -> float:
-    """Return what is left of row ``k`` after the step, its range linear, or to second order (``bent``).
+    """Return the residual of row ``k`` after the step, its range linear, or to second order (``bent``).
 
     Equation: r + u dx - (|dx|^2 - (u dx)^2) / (2 rho) - c.
     """
@@ -229,7 +229,7 @@ def _is_worse(
 ) -> bool:
     """Return whether the candidate of the first ``m`` members scores worse than ``best`` for certain.
 
-    Otherwise ``linear.step`` leads to the candidate, or is NaN where it cannot be told. A clock without a row in the
+    Otherwise ``linear.step`` leads to the candidate, or is NaN where it is undetermined. A clock without a row in the
     subset stays as in ``start``.
     """
     step, n = linear.step, len(members)

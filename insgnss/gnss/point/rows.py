@@ -48,7 +48,7 @@ class PointSettings(NamedTuple):
 
 
 class PointLog(NamedTuple):
-    """What ``solve_epochs`` writes: m epochs, n rows, g clocks; NaN where there is nothing."""
+    """The output of ``solve_epochs``: m epochs, n rows, g clocks; NaN where there is nothing."""
 
     r_e: Float64  # (m, 3) antenna, ECEF [m]; ``solve_epochs``: at reception, ``at_time_tags``: at the tags
     v_e: Float64  # (m, 3) [m/s]

@@ -93,7 +93,7 @@ def _discontinuities(stretch: Int64, known: Bool, t_ns: Int64, count: Int64) -> 
         Event(
             int(t_ns[k]),
             "receiver_clock_discontinuity",
-            f"hardware clock set anew (count {count[k]}): phases start again",
+            f"hardware clock reset (count {count[k]}): phases start again",
         )
         for k in starts.tolist()
     ]
@@ -106,7 +106,7 @@ def corrected_by_satellites(
 
     Parameters
     ----------
-    clock : as the phone tells
+    clock : as logged by the phone
     travel_ns : (n,) from transmission to reception with that clock, negative where it is early
     told : (n,) rows whose time of transmission is known by the day or the week
 

@@ -114,7 +114,7 @@ def cells(lines: AndroidLines) -> AndroidCells:
     """Return the lines' cells by column; a line with too few or too many cells is refused and counted.
 
     Some writers leave out the last columns that their header names, or add cells without a name: what most lines have
-    counts. A name that stands twice in the header is one column, its first cell that is not empty.
+    counts. A name that appears twice in the header is one column, its first cell that is not empty.
     """
     if not lines.texts or not lines.columns:
         return AndroidCells({}, 0, len(lines.texts))

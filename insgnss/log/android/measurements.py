@@ -153,7 +153,7 @@ def _travel_times(
 
 
 def _periods(raw: AndroidCells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bool]:
-    """Return what each time of transmission counts in [ns], zero where ambiguous; and whether it is a day or a week."""
+    """Return the period of each time of transmission [ns], zero where ambiguous; and whether it is a day or a week."""
     state, _ = raw.integers("State")
     whole = np.where(
         system == "R", state & (GLO_TOD_DECODED | GLO_TOD_KNOWN), state & (TOW_DECODED | TOW_KNOWN)

@@ -146,5 +146,5 @@ def _sample_times(
     ticks &= elapsed > 0
     if not (given & ticks).any():
         return utc_ns, given
-    # UTC in whole milliseconds would let samples share a time: the phone's counter stands on it on average
+    # UTC in whole milliseconds would let samples share a time: the phone's counter is aligned with it on average
     return elapsed + int(np.median((utc_ns - elapsed)[given & ticks])), ticks

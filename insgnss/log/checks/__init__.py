@@ -1,4 +1,4 @@
-"""The input doctor: what each log shows, what logs show held against each other, what the flight file should declare.
+"""The input check: findings on each log, on logs compared with each other, and proposals for the flight file.
 
 ``insgnss.check_flight(flight)`` (``runs.check``) examines a flight and gives a ``CheckReport``; its ``proposals`` are
 keys of the flight file, which ``write_corrected`` puts into a copy of it. Nothing is changed silently.

@@ -1,4 +1,4 @@
-"""What an [attitude] block shows before any filter runs: where the antennas stand, and what their logs share."""
+"""The check of an [attitude] block before any filter runs: antenna positions, and the common data of their logs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIN_CYCLE_SATELLITES: Final = 4  # of one epoch, for whole cycles that one set a
 
 
 def antenna_findings(flight: Flight, main: GnssTable | None) -> list[Finding]:
-    """Return what the antennas' places and logs show; ``main`` is the log of [gnss], None where it cannot be read."""
+    """Return the findings on the antennas; ``main`` is the log of [gnss], None where it cannot be read."""
     attitude = flight.config.attitude
     if attitude is None:
         return []
@@ -58,7 +58,7 @@ def _array_findings(array: AntennaArray) -> list[Finding]:
         text = f"a baseline of {array.lengths_m.max():.0f} m"
         findings.append(Finding("warning", "attitude", text, "lever_arm_m is meant in metres"))
     if is_collinear(array):
-        text = f"the antennas stand on one line: {angle_lost(array)} is left to the inertial sensors"
+        text = f"the antennas are on one line: {angle_lost(array)} comes from the inertial sensors alone"
         findings.append(Finding("warning", "attitude", text, "add an antenna off the line to measure it too"))
     return findings
 

@@ -1,7 +1,8 @@
-"""What the doctor says of the axes: that they fit, what they should be, or between which readings the log cannot tell.
+"""The check's findings on the axes: they fit, other axes fit, or the log cannot decide between several.
 
 A proposal is sure only where the log speaks clearly against every other reading of the columns. Where another one does
-as well, the one that a mounting can give, both sensors turned alike, is likely, or else the simplest if there is one.
+as well, the one that a mounting can give, both sensors rotated equally, is likely, or else the simplest if there is
+one.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def decided(found: list[VehicleAxes]) -> bool:
 
 
 def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
-    """Return the readings that cannot be told from the first."""
+    """Return the readings that are indistinguishable from the first."""
     best = found[0]
     level = best.cost if best.rank == 0 else min(axes.cost for axes in found)
     apart = EQUAL if best.rank == 0 else SURE
@@ -60,17 +61,15 @@ def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
 def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
     if not near:
         return Finding("ok", "motion", f"the axes fit the motion: {shown}")
-    advice = "turns with bank or pitch, runs and stops tell more"
+    advice = "turns with bank or pitch, accelerations and stops would decide"
     if best.cost > SURE:
-        text = f"the motion speaks for other axes than the declared ones: axes {_listed(near)}"
+        text = f"the motion indicates other axes than the declared ones: axes {_listed(near)}"
         return Finding("warning", "motion", text, advice, f"log likelihood {best.cost / 2.0:.0f} above")
     columns = _open_columns(best, near)
     if len(columns) <= MOST_OPEN:
-        text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it does not show"
+        text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it leaves open"
         return Finding("ok", "motion", f"{text}: {shown}", advice)
-    text = (
-        f"nothing in the motion speaks against the axes, but {len(near)} other reading(s) explain it as well"
-    )
+    text = f"the motion agrees with the axes, but {len(near)} other reading(s) explain it as well"
     return Finding("ok", "motion", f"{text}: axes {_listed(near)}", advice)
 
 
@@ -90,7 +89,7 @@ def _undecided(readings: list[VehicleAxes]) -> Finding:
     columns = _open_columns(ordered[0], ordered[1:])
     if len(columns) <= MOST_OPEN:
         text += f"; they differ in {', '.join(columns)} alone"
-    return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
+    return Finding("error", "motion", text, "turns with bank or pitch, accelerations and stops would decide")
 
 
 def _listed(readings: list[VehicleAxes]) -> str:
@@ -134,7 +133,7 @@ def _certainty(best: VehicleAxes, near: list[VehicleAxes], margin: float) -> str
 
 
 def _proposals(declared: AxesDeclaration, best: VehicleAxes) -> tuple[Proposal, ...]:
-    why = "gravity, turns and accelerations against the satellites' velocity ask for them"
+    why = "gravity, turns and accelerations against the satellites' velocity require them"
     accel, gyro = names(best.accel), names(best.gyro)
     proposals = [Proposal("imu.axes", accel, why)]
     apart = not np.array_equal(declared.accel, declared.gyro)

@@ -1,4 +1,4 @@
-"""Which hypothesis of axes, gyro unit and time the logs bear out, and what it says of the vehicle's axes.
+"""The hypothesis of axes, gyro unit and time that fits the logs, and the vehicle's axes that follow from it.
 
 Every exchange and sign of the gyros' axes against the accelerometers' is tried, right- and left-handed, with both
 units, over a range of time shifts. The attitude that comes with each shows along which sensor axes the vehicle moves
@@ -30,7 +30,7 @@ FULL_STEP_S: Final = 0.5
 MIN_MOTION: Final = 1.5  # rms change of velocity over noise, for a stretch to say anything
 SCAN_STRETCHES: Final = 6
 AXIS_STRETCHES: Final = 12
-# Differences of -2 log likelihood: below EQUAL two hypotheses cannot be told apart, above SURE one is ruled out
+# Differences of -2 log likelihood: below EQUAL two hypotheses are indistinguishable, above SURE one is ruled out
 EQUAL: Final = 8.0
 SURE: Final = 20.0
 RANKED: Final = 8
@@ -38,7 +38,7 @@ LOOKED_AT: Final = 40.0  # so far above the best, biases or the direction of mot
 
 
 class Hypothesis(NamedTuple):
-    """One way of reading the columns, with what it says of the vehicle."""
+    """One reading of the columns, with the vehicle's motion that follows from it."""
 
     gyro_map: Float64  # (3, 3) H of the accelerometers' axes, a signed permutation
     factor: float  # on the gyros' declared unit
@@ -51,7 +51,7 @@ class Hypothesis(NamedTuple):
 
 
 class Match(NamedTuple):
-    """What the search found."""
+    """The result of the search."""
 
     shift_s: float  # to be added to the inertial tags, to a quarter of a second
     contrast: float  # how much the likelihood peaks at the shift
@@ -68,7 +68,7 @@ class Match(NamedTuple):
 
     @property
     def tied(self) -> list[Hypothesis]:
-        """Those that cannot be told from the best."""
+        """The hypotheses indistinguishable from the best."""
         return [one for one in self.readings if one.cost < EQUAL]
 
 
@@ -161,7 +161,7 @@ def _ranked(
     factors: tuple[float, ...],
     declared: Float64,
 ) -> Match:
-    """Return all hypotheses at a shift, those that cannot be told from the best with what they say of the vehicle."""
+    """Return all hypotheses at a shift, those indistinguishable from the best with the vehicle's motion."""
     chosen = _mixed(moving)
     grid = inertial_grid(imu, origin_ns, chosen, 1.5, base_s + shift_s)
     path = integrate(grid, maps)

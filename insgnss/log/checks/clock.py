@@ -64,5 +64,5 @@ def _agreement(change: Float64, step_s: Float64, mean: Float64) -> list[Finding]
     text = (
         f"the clock drifts {by_code:+.3g} m/s by the pseudoranges and {by_rates:+.3g} m/s by the range rates"
     )
-    advice = "the receiver steers one of them: give gnss.oscillator a noise that admits the difference"
+    advice = "the receiver steers one of them: give gnss.oscillator enough noise for the difference"
     return [Finding("warning", "gnss", text, advice)]

@@ -61,13 +61,13 @@ def corrected_text(flight: Flight, proposals: Iterable[Proposal], folder: Path) 
 
     Raises
     ------
-    ConfigError : the file is no TOML any more
+    ConfigError : the file is no longer valid TOML
     """
     path = existing_file(flight.path)
     try:
         document = tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
     except (UnicodeDecodeError, tomlkit.exceptions.TOMLKitError) as error:
-        raise ConfigError(f"this is no TOML: {error}", file=path, advice="check the file again") from error
+        raise ConfigError(f"invalid TOML: {error}", file=path, advice="check the file again") from error
     here = flight.path.absolute().parent
     if here != folder.absolute():
         for keys in PATHS:
@@ -86,7 +86,7 @@ def write_corrected(flight: Flight, proposals: Iterable[Proposal], path: Path) -
     """
     if path.exists():
         raise ResultError(
-            "there is such a file already", file=path, advice="give another name: nothing is overwritten"
+            "the file exists already", file=path, advice="give another name: nothing is overwritten"
         )
     text = corrected_text(flight, proposals, path.absolute().parent)
     try:

@@ -1,4 +1,4 @@
-"""What the flight file declares of the inertial log, as matrices, and the log in its own axes."""
+"""The flight file's declarations of the inertial log, as matrices, and the log in its own axes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from insgnss.units import SI_PER_UNIT
 
 
 class AxesDeclaration(NamedTuple):
-    """An inertial log in the axes that ``imu.axes`` picks from, and what the flight file makes of them."""
+    """An inertial log in the axes that ``imu.axes`` picks from, and how the flight file declares them."""
 
     imu: ImuTable  # as logged; turned by the mounting matrix where there is one
     accel: Float64  # (3, 3) to body axes
     gyro: Float64  # (3, 3)
-    turned: bool  # by a mounting matrix: imu.axes are no key of this flight
-    factors: tuple[float, ...]  # on the gyros' unit: 1 and what another unit would make of it
+    turned: bool  # by a mounting matrix: the flight file has no imu.axes
+    factors: tuple[float, ...]  # on the gyros' unit: 1, and the factor of the other unit
     units: tuple[str, ...]  # of the gyros, as ``factors``
 
 
@@ -34,7 +34,7 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration
 
     Raises
     ------
-    InsGnssError : the log cannot be read, or its mounting matrix is no rotation
+    InsGnssError : the log cannot be read, or its mounting matrix is not a rotation
     """
     config = inertial(flight.config)
     turned = config.mounting_matrix is not None

@@ -1,4 +1,4 @@
-"""The check of a flight before it is replayed: everything is read, and what looks wrong is said with what to do."""
+"""The check of a flight before it is replayed: everything is read, and each defect is reported with advice."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Table = TypeVar("Table")
 LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
 QUALITIES_SHOWN: Final = 5
 _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
-# Events that tell how a log was read, and are no defect
+# Events that say how a log was read and report no defect
 NOTICES: Final = frozenset(
     {
         "columns_not_read",
@@ -68,7 +68,7 @@ class ReadLogs:
 
 
 def check_flight(flight: Flight) -> CheckReport:
-    """Read all logs of a flight and report what each of them shows.
+    """Read all logs of a flight and report the findings on each.
 
     Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
     per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm, and of several antennas
@@ -126,7 +126,7 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
 def _attempt(
     findings: list[Finding], topic: str, read: Callable[[], tuple[Table, list[Event]]]
 ) -> Table | None:
-    """Return what ``read`` gives, its events turned into findings; None after an error, which is a finding too."""
+    """Return the result of ``read``, its events turned into findings; None after an error, which is a finding too."""
     try:
         table, events = read()
     except InsGnssError as error:
@@ -164,7 +164,7 @@ def _read_messages(
 
 
 def _channels(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> dict[str, int]:
-    """Return the GLONASS channels that messages, flight file or log tell, in this order of trust."""
+    """Return the GLONASS channels from messages, flight file or log, in this order of trust."""
     states = None if navigation is None else navigation.state_vectors
     told = {} if states is None else dict(zip(states.sv_names, states.channel.tolist(), strict=True))
     known = {name: channel for name, channel in told.items() if channel in CHANNELS}
@@ -189,7 +189,7 @@ def _check_navigation(
             ),
         )
     elif receiver.gnss.sat is not None:
-        findings.append(Finding("ok", "navigation", "satellite states stand in the GNSS log"))
+        findings.append(Finding("ok", "navigation", "the GNSS log has satellite states"))
     elif not files and not flight.config.gnss.precise:
         findings.append(_error_finding("navigation", missing_navigation(flight.path)))
 

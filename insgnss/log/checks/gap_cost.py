@@ -1,4 +1,4 @@
-"""What each gap costs: the growth of velocity and position sigma by the grade of the IMU.
+"""The cost of each gap: the growth of velocity and position sigma by the grade of the IMU.
 
 Without GNSS, from a settled filter (tilt and biases known to the instability of the sensors)   [Groves 2013, 5.7]
 
@@ -39,7 +39,7 @@ def outage_sigmas(grade: ImuGrade, length_s: float) -> tuple[float, float]:
     b_g = grade.gyro_bias_instability_deg_per_h * RAD_PER_DEG / S_PER_H
     N_a = grade.accel_vrw_mps_per_sqrt_h / SQRT_S_PER_SQRT_H
     N_g = grade.gyro_arw_deg_per_sqrt_h * RAD_PER_DEG / SQRT_S_PER_SQRT_H
-    # what levelling cannot tell from the bias is common to both ...
+    # the part that levelling cannot separate from the bias is common to both ...
     tilt = grade.accel_bias_mg * MPS2_PER_MG / g
     known = min(tilt, b_a / g)  # ... and cancels until the vehicle turns: its instability is left
     v2 = START_SD_MPS**2 + (b_a * T) ** 2 + (g * known * T) ** 2 + N_a**2 * T
@@ -55,7 +55,7 @@ def outage_sigmas(grade: ImuGrade, length_s: float) -> tuple[float, float]:
 
 
 def gap_findings(imu: ImuTable | None, gnss_ns: Int64, grade: ImuGrade, week: int) -> list[Finding]:
-    """Return the longest gaps of both logs with what they will cost."""
+    """Return the longest gaps of both logs with their cost."""
     findings = []
     if imu is not None:
         step_ns = np.diff(imu.t_ns)

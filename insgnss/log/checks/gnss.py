@@ -1,4 +1,4 @@
-"""What a GNSS log shows before any filter runs: epochs, satellites, doubles, ephemerides."""
+"""The check of a GNSS log before any filter runs: epochs, satellites, doubles, ephemerides."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIN_SATELLITES: Final = 4
 def gnss_findings(
     gnss: GnssTable, config: FlightConfig, channels: Mapping[str, int] | None = None
 ) -> list[Finding]:
-    """Return what a GNSS log shows by itself; ``channels`` of GLONASS are those of the log when None."""
+    """Return the findings on a GNSS log by itself; ``channels`` of GLONASS are those of the log when None."""
     week = config.gps_week
     t_ns, starts = epochs(gnss)
     findings = [
@@ -119,7 +119,7 @@ def _duplicate_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
 
 
 def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Finding]:
-    """Report GLONASS satellites whose frequency nothing tells: they are not used."""
+    """Report GLONASS satellites of unknown frequency: they are not used."""
     unknown = [
         name
         for index, name in enumerate(gnss.sv_names)
@@ -172,7 +172,7 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
 
 
 class _Messages(NamedTuple):
-    """What the messages of both kinds say of their use."""
+    """Health and age of the messages of both kinds."""
 
     sv_names: tuple[str, ...]
     t_ns: Int64  # (n,) reference time

@@ -42,7 +42,7 @@ class _Shift(NamedTuple):
 def gnss_time_findings(
     flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
 ) -> list[Finding]:
-    """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so.
+    """Return the whole weeks, hours or leap seconds by which the GNSS tags are off, from the pseudoranges.
 
     With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
     four satellites of known messages say nothing.
@@ -53,7 +53,9 @@ def gnss_time_findings(
     enough = np.flatnonzero(count >= FOUR)
     if len(enough) < LEAST_EPOCHS:
         text = f"{len(enough)} epoch(s) with four satellites and more: whether the tags are GPS time was not compared"
-        return [Finding("warning", "gnss", text, "more satellites, or the messages of those that there are")]
+        return [
+            Finding("warning", "gnss", text, "log more satellites, or add the missing navigation messages")
+        ]
     sample = _sample(gnss, enough)
     if solved_share(solve, sample, tested=False) >= AGREEING:
         return []

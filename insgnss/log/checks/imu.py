@@ -1,4 +1,4 @@
-"""What an inertial log shows before any filter runs: its rate, its gaps, gravity at rest, tilt, and the axes."""
+"""The check of an inertial log before any filter runs: its rate, its gaps, gravity at rest, tilt, and the axes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
 
 class GroundSpeed(NamedTuple):
-    """How fast the vehicle was by the satellites: rest cannot be told from steady motion by inertial sensors."""
+    """How fast the vehicle was by the satellites: inertial sensors cannot distinguish rest from steady motion."""
 
     t_ns: Int64  # (m,) GPS time, rising
     speed_mps: Float64  # (m,)
@@ -36,7 +36,7 @@ class GroundSpeed(NamedTuple):
 
 
 def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> list[Finding]:
-    """Return what an inertial log shows: rate and jitter, gravity at rest, tilt, suspicion of axes.
+    """Return the findings on an inertial log: rate and jitter, gravity at rest, tilt, suspicion of axes.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> 
     windows = imu_windows(imu, median_s * NS_PER_S)
     if windows is None:
         findings.append(
-            Finding("warning", "imu", "shorter than four seconds: nothing can be said about rest and axes")
+            Finding("warning", "imu", "shorter than four seconds: too short to judge rest and axes")
         )
         return findings
     steady = _resting(windows)
@@ -106,7 +106,9 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Findi
     off = size / STANDARD_GRAVITY_MPS2 - 1.0
     seconds = resting.sum() * windows.length_s
     severity = "ok" if abs(off) <= GRAVITY_TOLERANCE else "warning"
-    advice = "" if severity == "ok" else "accelerometer bias or scale error: choose a grade that admits it"
+    advice = (
+        "" if severity == "ok" else "accelerometer bias or scale error: choose a grade that allows for it"
+    )
     gravity = f"{where} for {seconds:.0f} s: |f| = {size:.4f} m/s^2 ({100.0 * off:+.2f} % of g)"
     rates = f"{where} the gyros show {w[0]:+.4f} {w[1]:+.4f} {w[2]:+.4f} deg/s"
     findings = [

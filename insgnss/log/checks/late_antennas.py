@@ -8,7 +8,7 @@ from insgnss.tables import GnssTable
 
 
 def antenna_findings(flight: Flight, main: GnssTable | None) -> list[Finding]:
-    """Return what ``antennas`` says of a flight with an [attitude] block."""
+    """Return the findings of ``antennas`` on a flight with an [attitude] block."""
     from insgnss.log.checks import antennas
 
     return antennas.antenna_findings(flight, main)

@@ -1,4 +1,4 @@
-"""The lever arm as the log itself shows it, and what it matters in this log.
+"""The lever arm estimated from the log, and its effect in this log.
 
 The antenna moves with v + C_es (w x l): where the vehicle turns about two axes all of l shows in the velocities, in a
 flat turn its horizontal part alone.
@@ -27,7 +27,7 @@ FELT_MPS: Final = 0.05  # a velocity that a single epoch shows
 def lever_arm_findings(
     flight: Flight, refined: RefinedEstimate, accel: Float64, declared: AxesDeclaration, track: GnssTrack
 ) -> list[Finding]:
-    """Return what the log says of the lever arm from IMU to antenna.
+    """Return the findings on the lever arm from IMU to antenna.
 
     Parameters
     ----------
@@ -44,11 +44,9 @@ def lever_arm_findings(
         doubt = float(np.sqrt(off @ np.linalg.solve(P, off)))
         if doubt < SIGNIFICANT_SIGMAS or float(np.linalg.norm(off[sd < 2.0 * FAR_M])) < FAR_M:
             return [
-                Finding(
-                    "ok", "motion", f"lever arm by the turns {shown}: nothing speaks against the one given"
-                )
+                Finding("ok", "motion", f"lever arm by the turns {shown}: consistent with the declared one")
             ]
-        text = f"lever arm by the turns {shown} forward, right, down: not the one given"
+        text = f"lever arm by the turns {shown} forward, right, down: differs from the declared one"
         return [Finding("warning", "motion", text, "measure it again", f"{doubt:.0f} sigmas off")]
     rms, most = _moved(declared, track)
     effect = f"each metre of it moves the antenna by up to {most:.2f} m/s (rms {rms:.2f}) in this log"

@@ -30,7 +30,7 @@ UNIT_FITS: Final = 20.0  # a unit that is ruled out by less is only suspected
 def motion_findings(
     flight: Flight, declared: AxesDeclaration, track: GnssTrack, base_s: float = 0.0
 ) -> list[Finding]:
-    """Return what the motion says of the inertial log.
+    """Return the findings from the motion on the inertial log.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def _common(
 def _weighed(
     match: Match, flight: Flight, declared: AxesDeclaration, track: GnssTrack, shift_s: float
 ) -> Match:
-    """Return the match with its hypotheses weighed anew with biases and lever arm, unless the declared one leads.
+    """Return the match with its hypotheses reweighted with biases and lever arm, unless the declared one leads.
 
-    What the first fit leaves out, a gyro's bias or a long lever arm, must not speak for other axes.
+    What the first fit leaves out, a gyro's bias or a long lever arm, must not favour other axes.
     """
     own = relative(declared.accel, declared.gyro)
     handed = int(np.rint(np.linalg.det(declared.accel)))
@@ -104,7 +104,7 @@ def _timing(
     base_s: float,
     shift_s: float,
 ) -> Timing | None:
-    """Return the offset by least squares, begun on both sides of the peak too, and what speaks against none."""
+    """Return the offset by least squares, begun on both sides of the peak too, and the evidence for an offset."""
     given = flight.config.gnss.lever_b
     lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
     lever_sd = USUAL_LEVER_M if given is None else GIVEN_M
@@ -144,7 +144,7 @@ def _refined(
 
 def _no_motion() -> Finding:
     text = (
-        "no motion that stands out of the noise while both logs run: neither forward axis nor gyro unit nor time offset"
+        "no motion above the noise while both logs run: neither forward axis nor gyro unit nor time offset"
         " can be seen"
     )
     return Finding("ok", "motion", text, "a minute with two turns, or a run and a stop, decides them")
@@ -152,7 +152,7 @@ def _no_motion() -> Finding:
 
 def _unexplained(match: Match) -> Finding:
     text = (
-        f"nothing tried makes the inertial log explain the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
+        f"no hypothesis makes the inertial log fit the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
         " mappings, both gyro units, shifts of 22 s"
     )
     return Finding("warning", "motion", text, "is it the inertial log of this drive?")
@@ -166,5 +166,5 @@ def _unit_findings(declared: AxesDeclaration, best: VehicleAxes, match: Match) -
     text = f"the gyros turn {1.0 / best.factor:.3g} times as far as the course does: their unit is {unit}"
     if match.unit_gap < UNIT_FITS:
         return [Finding("warning", "motion", text, f"suspected gyro_unit = '{unit}'; more turns decide", how)]
-    proposal = Proposal("imu.gyro_unit", unit, "the turns of the GNSS course ask for it")
+    proposal = Proposal("imu.gyro_unit", unit, "the turns of the GNSS course require it")
     return [Finding("error", "motion", text, "", f"sure: {how}", (proposal,))]

@@ -19,9 +19,9 @@ import numpy as np
 from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, lag_of
 from insgnss.tables import Float64
 
-# Differences over a second overlap, and their errors are alike: so many of each second count as one
+# Differences over a second overlap, and their errors are correlated: so many of each second count as one
 CORRELATED: Final = 2.0
-# what vibration, lever arm and coarse integration leave of a velocity difference, beside the noise [m/s]
+# error of a velocity difference by vibration, lever arm and coarse integration, besides noise [m/s]
 MODEL_SIGMA_MPS: Final = 0.05
 
 
@@ -120,14 +120,14 @@ class Fit(NamedTuple):
     """Costs of hypotheses at shifts of the inertial time tags."""
 
     cost: Float64  # (h, 2, d) -2 log likelihood; axis 1: Q right-handed, left-handed
-    rms: Float64  # (h, 2, d) of what is left of a velocity difference's component [m/s]
+    rms: Float64  # (h, 2, d) of the residual of each velocity difference component [m/s]
 
 
 def fit_costs(chosen: list[GnssStretch], grid: InertialGrid, path: Path, shifts_s: Float64) -> Fit:
     """Return how well each hypothesis explains the stretches, the inertial tags shifted by each of ``shifts_s``.
 
     cost = sum over stretches of 3 k log(J / 3 k) / (CORRELATED lag) with J the squares that are left: each stretch has
-    its own noise, so one with a gap or a fault weighs no more than another.
+    its own noise, so a gap or a fault does not raise its weight.
     """
     cost = np.zeros((len(path.q), 2, len(shifts_s)))
     left, rows = np.zeros_like(cost), np.zeros(len(shifts_s))

@@ -40,7 +40,7 @@ AXES: Final = np.concatenate((np.eye(3), -np.eye(3)))
 
 
 class Nose(NamedTuple):
-    """A direction in which the vehicle moves, and what it costs to hold it all through the log."""
+    """A direction in which the vehicle moves, and the cost of assuming it throughout the log."""
 
     along_s: Float64  # (3,) mean direction in sensor axes; short where it wanders
     cost: float  # -2 log likelihood above that of the velocities alone with a direction that holds exactly
@@ -52,7 +52,7 @@ class Nose(NamedTuple):
 
 
 class _Moments(NamedTuple):
-    """What one stretch says under one reading: sums over its epochs."""
+    """The evidence of one stretch under one reading: sums over its epochs."""
 
     ds: Float64  # (k, 3)
     du: Float64

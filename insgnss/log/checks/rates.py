@@ -41,7 +41,7 @@ class RatePairs:
 
 
 def rate_pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> RatePairs:
-    """Return the rows that have the same satellite and signal in the epoch before, the first where it stands twice."""
+    """Return the rows that have the same satellite and signal in the epoch before, the first if it appears twice."""
     epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     channel = gnss.sv.astype(np.int64) * len(gnss.signal_names) + gnss.signal
     keys, row = np.unique(channel * (len(t_ns) + 1) + epoch, return_index=True)

@@ -39,7 +39,7 @@ class RefinedEstimate(NamedTuple):
 
     x: Float64  # (10,) tau [s], b_a [m/s^2], b_g [rad/s], lever arm [m]
     P: Float64  # (10, 10)
-    rms_mps: float  # of what is left of a velocity component
+    rms_mps: float  # of the residual of a velocity component
     cost: float  # -2 log likelihood, for comparing hypotheses on the same stretches
 
     @property

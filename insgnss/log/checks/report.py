@@ -1,4 +1,4 @@
-"""What a check of a flight found: facts and findings, each with its severity, printed line by line."""
+"""The result of a flight's check: facts and findings, each with its severity, printed line by line."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Proposal:
 
     key: str  # dotted, "imu.time.offset_s"
     value: Value
-    why: str  # one line, written beside the key in a corrected file
+    why: str  # one line, written next to the key in a corrected file
 
     def text(self) -> str:
-        """Return the entry as it stands in a flight file."""
+        """Return the entry as written in a flight file."""
         return f"{self.key} = {_toml(self.value)}"
 
 
@@ -84,7 +84,7 @@ class CheckReport:
 
     @property
     def sure_proposals(self) -> tuple[Proposal, ...]:
-        """Those that nothing in the logs speaks for otherwise: a likely one is left to its reader."""
+        """The sure proposals; a likely one is left to the reader."""
         sure = {
             p.key for finding in self.findings if finding.sure.startswith("sure") for p in finding.proposals
         }
@@ -115,7 +115,7 @@ def from_events(
     ----------
     topic : of the findings
     events : what the readers noticed
-    notices : kinds that are worth telling but no defect
+    notices : kinds that are reported but not a defect
     errors : kinds with which the log is of no use
     """
     kinds: dict[str, list[Event]] = {}

@@ -1,7 +1,7 @@
 """Further sensors held against the satellites: rate and gaps, unit, sign, mounting and time of each.
 
 GNSS alone gives the antenna's position, velocity and, in motion, its course. Each sensor is compared with the one that
-it measures: a factor, an offset or a turn that no noise explains is told, with the key that would mend it. Lever arms
+it measures: a factor, an offset or a rotation beyond the noise is reported with the key that corrects it. Lever arms
 are neglected: metres and tenths of m/s.
 """
 
@@ -32,7 +32,7 @@ _FACTOR: Final = 1.1  # of an odometer: tyres differ by less
 _SHIFTS_S: Final = np.arange(-30, 31) / 10.0
 _SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
 _LEAST_SHIFT_S: Final = 0.2
-_CLIMB_M: Final = 30.0  # of height that a barometer's slope can be told from
+_CLIMB_M: Final = 30.0  # least change of height that shows a barometer's slope
 _TURN_DEG: Final = 20.0  # a heading further from the course than a vehicle crabs
 _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0
@@ -61,7 +61,7 @@ class _LocalTrack(NamedTuple):
 
 
 def sensor_findings(flight: Flight, track: GnssTrack | None, imu: ImuTable | None) -> list[Finding]:
-    """Return what is found of each further sensor; one whose log cannot be read is a finding too."""
+    """Return the findings on each further sensor; one whose log cannot be read is a finding too."""
     gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
     findings = []
     for config in flight.config.sensor:
@@ -122,7 +122,7 @@ def _rate(config: Sensor, table: SensorTable) -> Finding:
 
 
 def _shift(common: _SampledTrack, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
-    """Return the time offset that fits far better than none, in words: what is to be added to the tags."""
+    """Return the time offset that fits far better than none, in words: the correction of the tags."""
     rms = [float(np.std(measured - of(common.t_s + shift))) for shift in _SHIFTS_S]
     best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
     if abs(_SHIFTS_S[best]) < _LEAST_SHIFT_S or rms[best] ** 2 > _SURE_SHIFT * none**2:

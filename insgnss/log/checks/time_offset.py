@@ -111,17 +111,17 @@ def time_proposals(
             why = "the tags are off by the leap seconds"
             proposals.append(Proposal("imu.time.scale", scale, why))
     if weeks and _week_is_of_the_imu_alone(config):
-        why = "the IMU tags are whole weeks off the GNSS log, which tells its week itself"
+        why = "the IMU tags are whole weeks off the GNSS log, which states its week"
         proposals.append(Proposal("gps_week", config.gps_week + weeks, why))
         added -= weeks * S_PER_WEEK
     if added:
-        why = "found by holding gyros and accelerometers against the GNSS velocity"
+        why = "found by comparing gyros and accelerometers with the GNSS velocity"
         proposals.append(Proposal("imu.time.offset_s", round(time.offset_s + added, 3), why))
     return tuple(proposals)
 
 
 def scale_for(time: TimeScale, leap_s: int) -> str | None:
-    """Return the time scale that adds (above zero) or takes off the leap seconds, None when there is none."""
+    """Return the time scale that adds (above zero) or subtracts the leap seconds, None if there is none."""
     if leap_s > 0 and time.scale == "gps":
         return "utc"
     return "gps" if leap_s < 0 and time.scale == "utc" and time.leap_seconds is None else None

@@ -37,7 +37,7 @@ class GnssTrack:
     drift_mps: Float64  # (m,) NaN without range rates
     origin_ns: int
     n_epochs: int  # of the log
-    n_good: int  # epochs whose position no test speaks against
+    n_good: int  # epochs whose position passed all tests
     n_tested: int  # those of them that were tested: there was a redundant row
 
 
@@ -59,7 +59,7 @@ def solved_share(solve: Solve, gnss: GnssTable, *, tested: bool) -> float:
 
 
 def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
-    """Return the track that single-epoch solutions show, those left out that tests speak against."""
+    """Return the track of single-epoch solutions, without those that failed a test."""
     distance = np.linalg.norm(out.r_e, axis=1)
     near = (distance > NEAREST_M) & (distance < FARTHEST_M)
     good = near & np.isin(out.verdict[:, 0], (OK, EXCLUDED, UNTESTED))

@@ -1,4 +1,4 @@
-"""What ``[vehicle]`` of a flight file means for the filter, in words."""
+"""The meaning of ``[vehicle]`` of a flight file for the filter, in words."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from insgnss.log.checks.report import Finding
 
 
 def vehicle_findings(vehicle: VehicleRows) -> list[Finding]:
-    """Return which rows a vehicle's kind allows and which of them are used, and what makes them weak."""
+    """Return which rows a vehicle's kind allows and which of them are used, and their weaknesses."""
     allowed = [name for name in ROWS if getattr(vehicle, name) is not None]
     off = [name for name in allowed if name not in vehicle.rows]
     text = f"{vehicle.kind}: its motion makes no rows"

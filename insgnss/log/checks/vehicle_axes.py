@@ -22,7 +22,7 @@ ALONG: Final = 0.8  # ... while another axis is nearer than 37 deg
 
 
 class VehicleAxes(NamedTuple):
-    """Maps from sensor columns to body axes, and what speaks for them."""
+    """Maps from sensor columns to body axes, and the evidence for them."""
 
     accel: Float64  # (3, 3) A
     gyro: Float64  # (3, 3) G
@@ -30,7 +30,7 @@ class VehicleAxes(NamedTuple):
     hypothesis: Hypothesis
     turned: bool  # the accelerometers' axes are not the declared ones
     gyro_kept: bool  # the gyros' are
-    rank: int  # 0 as declared, 1 both sensors alike, 2 alike but for the sign of all, then more for each row apart
+    rank: int  # 0 as declared, 1 both sensors equal, 2 equal except for the sign of all, then more for each row apart
 
     @property
     def cost(self) -> float:
@@ -52,8 +52,8 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     """Return the declarations that the hypotheses allow, the most credible first, each with its cost above that.
 
     A with det A = handed turns the mean motion forward and mean gravity down, and G = det(A) A H; declared axes that
-    nothing speaks against stay. Stranger declarations need more evidence: in a coordinated flight the accelerometers
-    see no side force, and only belief tells a reversed axis from a right one.
+    the log does not contradict stay. Stranger declarations need more evidence: in a coordinated flight the
+    accelerometers see no side force, and only the prior separates a reversed axis from a right one.
     """
     found: dict[tuple[tuple[str, ...], tuple[str, ...], float], VehicleAxes] = {}
     for one in sorted(ranked, key=lambda one: one.cost):
@@ -83,7 +83,7 @@ def credibility(axes: VehicleAxes) -> float:
 
 
 def strangeness(axes: VehicleAxes) -> float:
-    """Return -2 log of the belief in a declaration among those that the log leaves: what a mounting gives comes first.
+    """Return -2 log of the prior of a declaration among those that fit the log: those of a mounting come first.
 
     A whole log of the wrong hand, or a sensor of the wrong sign, is hardly likelier than one column that is wrong.
     """

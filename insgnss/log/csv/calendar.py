@@ -47,7 +47,7 @@ _UNREADABLE: Final = _Moment(0, readable=False)
 
 @dataclass(frozen=True)
 class Calendar:
-    """One column of dates and times, or two, and what they mean.
+    """One column of dates and times, or two, and their meaning.
 
     The offset of a zone ("Z", "+02:00") is subtracted; the result is UTC or GPS time as ``scale`` says. Leap seconds
     are those in force at each cell, or ``leap_seconds`` for all.
@@ -104,7 +104,7 @@ def _iso_8601(cells: pa.Array) -> tuple[Int64, Bool, Bool] | None:
 def _any_form(cells: pa.Array, order: str) -> tuple[Int64, Bool, Bool]:
     """Return Unix time [ns], which cells are leap seconds, and which can be read.
 
-    What stands around the fraction is alike for all cells of a second, and read once; the fraction is read of each.
+    The text around the fraction is the same for all cells of a second, and read once; the fraction is read for each.
     """
     parts = pc.extract_regex(cells, _FRACTION)
     before, mark, fraction, after = (pc.fill_null(part, "") for part in parts.flatten())

@@ -15,7 +15,7 @@ from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
-# Cells that say "no value here"; anything else that is no number is a bad cell
+# Cells that mean "no value"; any other cell that is not a number is a bad cell
 EMPTY_CELLS: Final = ("", *"nan NaN NAN -nan na NA n/a N/A null NULL none None".split())
 DECIMALS: Final = pa.decimal128(38, 18)
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
@@ -35,7 +35,7 @@ _DIGITS_OF_INT64: Final = 19
 
 
 def _pointed(cells: pa.Array, decimal: str) -> tuple[pa.Array, pa.Array]:
-    """Return the cells with a decimal point and no leading plus, null where they are no number, and which are."""
+    """Return the cells with a decimal point and no leading plus, null where they are not numbers, and which are."""
     if decimal != ".":
         cells = pc.replace_substring(pc.replace_substring(cells, ".", "?"), decimal, ".")
     is_number = pc.match_substring_regex(cells, _NUMBER)

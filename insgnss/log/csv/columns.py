@@ -1,4 +1,4 @@
-"""Which columns of a CSV file are read, how strictly, and where they stand in the file."""
+"""Which columns of a CSV file are read, how strictly, and their places in the file."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ColumnSelection:
 
     @property
     def all(self) -> tuple[str, ...]:
-        """Every name that is looked for."""
+        """Every column name that is searched."""
         return (*self.required, *self.optional, *self.optional_text)
 
 
@@ -69,7 +69,7 @@ class TextColumn:
 
 @dataclass
 class CsvRows:
-    """What either path reads: one array of n rows for each column found."""
+    """The result of either path: one array of n rows for each column found."""
 
     n: int = 0
     columns: dict[str, Float64] = field(default_factory=dict)

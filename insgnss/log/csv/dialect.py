@@ -14,7 +14,7 @@ from insgnss.errors import InputError
 COMMENT_MARKS = ("#", "%", "//")
 DELIMITERS = (",", ";", "\t", "|", " ")
 DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "white space"}
-FALLBACK_ENCODING = "cp1252"  # of text that is no UTF-8: what spreadsheets write
+FALLBACK_ENCODING = "cp1252"  # for text that is not UTF-8: spreadsheets write this encoding
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
 _BY_NUMBER = re.compile(r"#([1-9]\d*)")
 _NUMBER_OR_DATE = re.compile(r"[+-]?[.,]?\d")
@@ -40,7 +40,7 @@ class Dialect:
 
 
 def column_number(name: str) -> int | None:
-    """Return the number that stands in place of a column's name, as in "#3", None when it is a name."""
+    """Return the number given in place of a column's name, as in "#3", None when it is a name."""
     match = _BY_NUMBER.fullmatch(name)
     return int(match[1]) if match else None
 
@@ -59,7 +59,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def decoded(text: bytes) -> tuple[str, bool]:
-    """Return the text and whether it is UTF-8; what is not is read in the encoding of Western Windows."""
+    """Return the text and whether it is UTF-8; other text is read in the encoding of Western Windows."""
     try:
         return text.decode("utf-8"), True
     except UnicodeDecodeError:

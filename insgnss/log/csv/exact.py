@@ -1,4 +1,4 @@
-"""The exact CSV path: every line looked at, every cell that is no number reported with its file line and text.
+"""The exact CSV path: every line is checked, every cell that is not a number is reported with file line and text.
 
 It works on whole columns with Arrow's string functions, so that a log of a million rows with one bad cell still takes
 seconds; only lines that differ from the rest are handled one by one.
@@ -108,7 +108,7 @@ def read_exact(
 
 
 class _ColumnReader:
-    """Turns columns of strings into numbers and collects what cannot be read."""
+    """Turns columns of strings into numbers and collects unreadable cells."""
 
     def __init__(
         self, path: Path, dialect: Dialect, lines: Int64, complaints: list[_Complaint], decimal: str

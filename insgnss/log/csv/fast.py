@@ -1,7 +1,7 @@
 """The fast CSV path: pieces of a megabyte, parsed by Arrow on all cores, gathered into arrays of their final size.
 
-Nothing but a few pieces is held beside the arrays. Whatever Arrow objects to, an empty or infinite cell where a number
-must stand, makes the whole file go the exact way (``csv_exact``).
+Besides the arrays, only a few pieces are held in memory. If Arrow rejects anything, or if a required number is empty
+or infinite, the whole file is read the exact way (``csv_exact``).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from insgnss.tables import Float64
 
 PIECE_BYTES: Final = 1 << 20
 MOST_WORKERS: Final = 4  # each holds a piece and what it became
-_SPARE_ROOM: Final = 1.02  # the first piece tells how many rows the file has, to about a hundredth
+_SPARE_ROOM: Final = 1.02  # the first piece gives the number of rows to about one percent
 _Columns = dict[str, Any]  # of a piece by name: an array of numbers, or of words their dictionary
 
 
@@ -120,7 +120,7 @@ class _Parser:
 
 
 class _ColumnArrays:
-    """Arrays for all rows, filled piece by piece; the first piece tells how many rows there will be."""
+    """Arrays for all rows, filled piece by piece; the first piece gives the number of rows."""
 
     def __init__(self, size: int, wanted: ColumnSelection) -> None:
         self.size = size
@@ -155,7 +155,7 @@ class _ColumnArrays:
         return codes
 
     def _grow(self, columns: _Columns, room: int) -> None:
-        """Make room for so many rows; what there is already is kept."""
+        """Make room for so many rows; existing rows are kept."""
         larger = {name: np.empty(room, values.dtype) for name, values in columns.items()}
         if self.together and set(self.together) <= columns.keys():
             self.block = np.empty((room, len(self.together)))
@@ -165,7 +165,7 @@ class _ColumnArrays:
         self.arrays = larger
 
     def filled(self) -> CsvRows:
-        """Return what was gathered."""
+        """Return the gathered columns."""
         rows = CsvRows(self.n, block=None if self.block is None else self.block[: self.n])
         for name, array in self.arrays.items():
             if name in self.words:

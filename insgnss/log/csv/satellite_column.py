@@ -65,7 +65,7 @@ def _distinct(table: CsvTable, config: ObservationLog) -> tuple[Int64, list[_Sat
 
 
 def _name(written: _SatelliteCell, config: ObservationLog) -> str | None:
-    """Return the satellite's name; where both columns tell the constellation, they must agree."""
+    """Return the satellite's name; if both columns state the constellation, they must agree."""
     own, number = normalised_name(written.satellite), bare_number(written.satellite)
     if written.system is None:
         return own or (numbered_name(config.system, number) if config.system and number is not None else None)

@@ -34,7 +34,7 @@ class CsvTable(CsvRows):
 
     @cached_property
     def line(self) -> Int64:
-        """The 1-based file line of each row (blank lines are looked for only when somebody asks)."""
+        """The 1-based file line of each row (blank lines are searched only on demand)."""
         if self.lines is not None:
             return self.lines
         raw = file_buffer(self.path).to_pybytes().splitlines()[self.dialect.skip :]
@@ -87,10 +87,10 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
             Event(None, "csv_delimiter", f"{path}: columns parted by {DELIMITER_NAMES[dialect.delimiter]}")
         )
     if dialect.header_in_comment:
-        detail = f"{path}:{dialect.header_line}: the column names stand in a comment line"
+        detail = f"{path}:{dialect.header_line}: the column names are in a comment line"
         events.append(Event(None, "csv_header_in_comment", detail))
     if not dialect.header_is_utf8:
-        detail = f"{path}:{dialect.header_line}: the header is no UTF-8, read as {FALLBACK_ENCODING}"
+        detail = f"{path}:{dialect.header_line}: the header is not UTF-8, read as {FALLBACK_ENCODING}"
         events.append(Event(None, "csv_encoding", detail))
     if unread:
         events.append(Event(None, "columns_not_read", f"{path}: columns not read: {', '.join(unread)}"))

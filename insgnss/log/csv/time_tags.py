@@ -23,7 +23,7 @@ from insgnss.tables import Event, Int64
 NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 CROSSOVER_TOLERANCE_NS: Final = 3600 * NS_PER_S  # a log may pause that long over the week's end
-LATEST_NS: Final = 9_999 * NS_PER_WEEK  # what is later is no date of any log
+LATEST_NS: Final = 9_999 * NS_PER_WEEK  # later values are not dates of a log
 MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over some week ends
 # from the middle of the log: no log lasts a year, an unset clock is years off
 STRAY_NS: Final = 183 * 86_400 * NS_PER_S
@@ -58,7 +58,7 @@ def gps_times(
 
     Returns
     -------
-    The times, the rows they belong to (None: all; a tag that is no date refuses its row), and what was noticed.
+    The times, the rows they belong to (None: all; a tag that is not a date refuses its row), and what was noticed.
 
     Raises
     ------
@@ -107,14 +107,14 @@ def _possible_rows(
         if scale.origin == "calendar":
             meant = "dates after 1980"
         raise TimeError(
-            f"the time tags are no {meant}",
+            f"the time tags are not {meant}",
             file=table.path,
             line=int(table.line[bad[0]]),
             column=column,
             advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch', 'calendar') in the flight"
             " file",
         )
-    return rows, _refusals(table, column, bad, ["this is no date"] * len(bad))
+    return rows, _refusals(table, column, bad, ["not a date"] * len(bad))
 
 
 def _rows_of_one_log(
@@ -149,7 +149,7 @@ def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: 
 
 
 def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:
-    """Add a week, in place, to what follows each fall of the seconds of the week by about 604800."""
+    """Add a week, in place, to all tags after each fall of the seconds of the week by about 604800."""
     step = np.diff(t_ns)
     falls = np.flatnonzero(np.abs(step + NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)
     if not len(falls):

@@ -30,7 +30,7 @@ from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 @dataclass
 class _RawColumns:
-    """The columns of an inertial log as they stand in the file, sensor axes."""
+    """The columns of an inertial log as logged, sensor axes."""
 
     t_ns: Int64
     gyro: list[Float64]
@@ -51,7 +51,7 @@ def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tup
 
     Raises
     ------
-    InputError and its kin : a file or column is missing, or the numbers contradict the declared units
+    InputError or a subclass : a file or column is missing, or the numbers contradict the declared units
     ConfigError : impossible axes
     """
     mounting_matrix(config)
@@ -74,7 +74,7 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
 
     Raises
     ------
-    InputError and its kin : a file or column is missing or unreadable
+    InputError or a subclass : a file or column is missing or unreadable
     """
     file = ", ".join(str(path) for path in config.files)
     raw, _ = _increasing(config, week, file)
@@ -103,7 +103,7 @@ def _in_order(raw: _RawColumns, file: str) -> tuple[_RawColumns, list[Event]]:
 def _axes(
     raw: _RawColumns, config: ImuConfig, grade: ImuGrade | None, median_ns: float
 ) -> tuple[SensorTriad, SensorTriad]:
-    """Return the sensor axes as they stand in the file, with their units and ranges."""
+    """Return the sensor axes as logged, with their units and ranges."""
     per_step = NS_PER_S / median_ns if config.values == "increments" else 1.0
     gyro_range = None if grade is None else grade.gyro_range_deg_per_s
     accel_range = None if grade is None else grade.accel_range_g

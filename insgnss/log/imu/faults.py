@@ -20,13 +20,13 @@ PINNED_TOTAL: Final = 5
 PINNED_SHARE_OF_RANGE: Final = 0.999  # of the declared range, or of the largest magnitude
 # A pinned value lies this many resolution steps out: coarse numbers at rest repeat themselves too
 LEVELS: Final = 100.0
-# Smaller magnitudes are no end of any sensor's range
+# Smaller magnitudes are not the end of any sensor's range
 MIN_PINNED: Final = {"gyro": 100.0 * RAD_PER_DEG, "accel": 1.5 * STANDARD_GRAVITY_MPS2}
 
 
 @dataclass(frozen=True)
 class SensorTriad:
-    """Three sensor axes of one kind as they stand in the log, and what one unit of them is."""
+    """Three sensor axes of one kind as logged, and the size of one unit."""
 
     kind: str  # "gyro" or "accel"
     columns: list[Float64]  # three (n,)

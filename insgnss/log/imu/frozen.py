@@ -1,7 +1,7 @@
-"""Frozen sensors: three gyros or three accelerometers, or all six, that hold their values while time goes on.
+"""Frozen sensors: three gyros or three accelerometers, or all six, that hold their values while time advances.
 
-A coarse sensor at rest repeats itself too. What is told cannot be that: the numbers of the log are fine, or they go on
-with a leap of many resolution steps, or the other sensor shows motion meanwhile.
+A coarse sensor at rest also repeats its values. A fault is reported only if the log's resolution is fine, if the
+values resume with a jump of many resolution steps, or if the other sensor shows motion meanwhile.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NAMES: Final = {"gyro": "gyros", "accel": "accelerometers"}
 def frozen_events(t_ns: Int64, sensors: tuple[SensorTriad, SensorTriad], file: str) -> list[Event]:
     """Return an event for each stretch in which a sensor is frozen, kind ``FROZEN``.
 
-    One that is frozen for more than half of the log is told once, as ``DEAD``.
+    A sensor that is frozen for more than half of the log is reported once, as ``DEAD``.
 
     Parameters
     ----------

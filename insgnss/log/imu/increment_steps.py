@@ -1,7 +1,7 @@
-"""Over what time each increment of an inertial log was gathered: the step of its tags, less where samples were lost.
+"""The time of each increment of an inertial log: the step of its tags, less where samples were lost.
 
 The tags say what the steps are; no nominal rate does. One case differs: where samples were lost, the increment after
-the longer step holds the last usual step only. The specific force tells the two apart.
+the longer step holds the last usual step only. The specific force separates the two.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def increment_intervals(
     """Return the time [ns] over which each increment was gathered, and how increments after long steps were taken.
 
     Of two readings of a long step T with the usual step U, ``|dv| / T`` and ``|dv| / U``, the one whose logarithm is
-    nearer to that of the specific force around holds. Where the force around is too small or too restless to tell, many
-    long steps near each other are the sensor's own, few are lost samples.
+    nearer to that of the specific force around holds. Where the force around is too small or too restless to decide,
+    many long steps near each other are the sensor's own, few are lost samples.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ def magnetometer_axes(config: Magnetometer) -> Float64:
 
     Raises
     ------
-    ConfigError : the axes are left-handed, or the matrix is no rotation
+    ConfigError : the axes are left-handed, or the matrix is not a rotation
     """
     if config.mounting_matrix is not None:
         C_bs = np.array(config.mounting_matrix, np.float64)
@@ -28,7 +28,7 @@ def magnetometer_axes(config: Magnetometer) -> Float64:
         C_bs = signed_permutation((x, y, z))
     if np.abs(C_bs @ C_bs.T - np.eye(3)).max() > ORTHONORMAL_TOLERANCE or np.linalg.det(C_bs) < 0.0:
         raise ConfigError(
-            f"the axes of '{config.label}' are no rotation into forward, right, down",
+            f"the axes of '{config.label}' are not a rotation into forward, right, down",
             key="sensor.axes" if config.mounting_matrix is None else "sensor.mounting_matrix",
             advice="one sign is wrong, or two axes are exchanged",
         )

@@ -1,6 +1,6 @@
 """Logs of further sensors: a CSV file, or several that follow each other, becomes a ``SensorTable``.
 
-A cell that is empty, unreadable or beyond what the kind can measure is NaN: the reading stands in the ledger as
+A cell that is empty, unreadable or beyond what the kind can measure is NaN: the reading is in the ledger as
 'bad_value'. Rows are sorted by time; of rows with one time the first stays.
 """
 
@@ -46,7 +46,7 @@ _POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
     "position": ((-1.5708, 1.5708), (-6.2832, 6.2832), (-1e4, 1e7)),
     "velocity": ((-2e4, 2e4),) * 3,
 }
-_LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter its mean speed is no reading
+_LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter the mean speed is not a reading
 
 
 def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
@@ -54,7 +54,7 @@ def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
 
     Raises
     ------
-    InputError and its kin : a file or a column is missing, or no row holds a reading
+    InputError or a subclass : a file or a column is missing, or no row holds a reading
     ConfigError : the axes are left-handed or no rotation
     """
     parts: list[tuple[Int64, Float64, Float64]] = []
@@ -165,7 +165,7 @@ def _si_sigma(config: Sensor, sigma: Float64) -> Float64:
 
 
 def _bad_values(config: Sensor, table: CsvTable, values: Float64) -> list[Event]:
-    """Set impossible values to NaN, in place, and tell how many cells hold no reading and where the first is."""
+    """Set impossible values to NaN, in place, and return how many cells hold no reading and where the first is."""
     if not (isinstance(config, Odometer) and config.metres_per_count is not None):
         low, high = np.array(_POSSIBLE[config.kind]).T
         with np.errstate(invalid="ignore"):
@@ -178,7 +178,7 @@ def _bad_values(config: Sensor, table: CsvTable, values: Float64) -> list[Event]
     name = config.value_columns[column] if config.kind != "magnetometer" else "field"
     place = f"{table.path}:{table.line[row]}, column '{name}'"
     rows = f"{int(bad.any(axis=1).sum())} of {table.n} rows have such cells: refused as bad_value"
-    return [Event(None, "sensor_bad_values", f"{place}: no possible {config.kind} reading; {rows}")]
+    return [Event(None, "sensor_bad_values", f"{place}: impossible {config.kind} reading; {rows}")]
 
 
 def _speeds_of_counts(table: SensorTable) -> SensorTable:

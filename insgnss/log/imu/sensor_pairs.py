@@ -19,7 +19,7 @@ def paired(
 
     Interpolation averages the noise of two neighbours: the variance of the specific force falls by up to one half.
     A gyro sample outside of the accelerometer's span, or in a gap of it longer than 0.1 s and 2.5 of its steps, is left
-    out and told; so are repeated and falling times, and samples that are not finite.
+    out and reported; so are repeated and falling times, and samples that are not finite.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def _rising(t_ns: Int64, values: Float64, what: str, events: list[Event]) -> tup
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         events.append(
-            Event(None, "imu_not_finite", f"{what}: {int((~finite).sum())} sample(s) that are no number")
+            Event(None, "imu_not_finite", f"{what}: {int((~finite).sum())} sample(s) that are not a number")
         )
         t_ns, values = t_ns[finite], values[finite]
     if not len(t_ns) or (np.diff(t_ns) > 0).all():

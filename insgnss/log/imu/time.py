@@ -15,10 +15,10 @@ from insgnss.tables import Event, Int64
 
 GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
 GAP_MIN_S: Final = 0.05  # ... if it is also longer than this: shorter ones are jitter, which the tags carry
-STRAY_SAMPLES: Final = 5  # so few wrong tags in a row are damage of their own; more of them tell of a clock
-STRAY_SHARE: Final = 0.1  # at an end, no more than this part of the log is taken for stray
+STRAY_SAMPLES: Final = 5  # up to this many wrong tags in a row count as damage; more mean a clock error
+STRAY_SHARE: Final = 0.1  # at an end, at most this part of the log counts as stray
 SET_BACK_S: Final = 1.0  # wrong by more than this, many in a row: somebody set the clock
-MIN_KEPT_SHARE: Final = 0.5  # with less left, the column is no time or lacks digits
+MIN_KEPT_SHARE: Final = 0.5  # with less left, the column is not time or lacks digits
 
 
 def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event]]:
@@ -45,7 +45,7 @@ def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event
         raise TimeError(
             f"only {len(kept)} of {len(t_ns)} time tags are in increasing order",
             file=file,
-            advice="the time column repeats or falls: is it the right column, with enough digits?",
+            advice="the time column repeats or decreases: check that it is the right column and has enough digits",
         )
     return kept, shortened(_refusals(t_ns, kept, file), file)
 
@@ -117,7 +117,7 @@ def _refusals(t_ns: Int64, kept: Int64, file: str) -> list[Event]:
 
 
 def _refusal(t_ns: Int64, before: int | None, after: int | None, file: str) -> Event:
-    """Return what is told of refused tags that lie between two kept ones (None: at an end of the log)."""
+    """Return the report on refused tags between two kept ones (None: at an end of the log)."""
     n, first, last = len(t_ns), int(t_ns.min()), int(t_ns.max())
     at = after if before is None else before
     assert at is not None  # half of the samples are kept

@@ -1,4 +1,4 @@
-"""The declared units held against what gravity must show: at rest |f| is g, and where the gyros turn, gravity turns.
+"""The declared units checked by gravity: at rest |f| is g, and where the gyros turn, gravity turns.
 
 A contradiction is an error only where nothing but a wrong unit explains it; everything weaker is an event. All rules
 look at means over windows of about a second, in which vibration averages out.
@@ -95,7 +95,7 @@ def _check_accelerometer(
     advice = " or ".join(texts) + (" fits" if len(texts) == 1 else " would fit")
     if at_rest:
         error = UnitsError(
-            f"{found}: the accelerometers' unit is wrong", file=file, key="imu.accel_unit", advice=advice
+            f"{found}: wrong unit of the accelerometers", file=file, key="imu.accel_unit", advice=advice
         )
         error.fits = keys_of_accel_unit(fitting[0], config) if len(fitting) == 1 else ()
         raise error
@@ -126,7 +126,7 @@ def fitting_accel_units(imu: ImuTable, config: ImuConfig) -> list[str]:
 def keys_of_accel_unit(unit: str, config: ImuConfig) -> tuple[tuple[str, str], ...]:
     """Return the keys of the flight file, and their values, that declare a unit of the accelerometers.
 
-    Where rates become increments, or increments rates, the gyros' unit goes with them.
+    Where rates become increments, or increments rates, the gyros' unit changes with them.
     """
     values = _values_of(unit)
     if values == config.values:

@@ -1,4 +1,4 @@
-"""An inertial log in windows of about a second, in which vibration averages out: what the checks of a log look at."""
+"""An inertial log in windows of about a second, in which vibration averages out: the input of the checks of a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What BeiDou's D1 and D2 have in common: words, time, accuracy (BDS-SIS-ICD B1I 3.0, 5.1 and 5.2)."""
+"""The common part of BeiDou's D1 and D2: words, time, accuracy (BDS-SIS-ICD B1I 3.0, 5.1 and 5.2)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def information_bits(words: list[int]) -> int:
 
 
 def header(subframe: int) -> tuple[int, int] | None:
-    """Return a subframe's number and its second of the BeiDou week, None when it is no subframe."""
+    """Return a subframe's number and its second of the BeiDou week, None if it is not a subframe."""
     number, sow = unsigned(subframe, LENGTH, 15, 3), unsigned(subframe, LENGTH, 18, 20)
     if unsigned(subframe, LENGTH, 0, 11) != PREAMBLE or not 1 <= number <= 5 or sow >= 604_800:
         return None

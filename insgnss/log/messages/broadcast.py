@@ -1,4 +1,4 @@
-"""What was broadcast: ephemerides, state vectors, ionosphere and leap seconds, gathered and turned into tables."""
+"""Broadcast messages: ephemerides, state vectors, ionosphere and leap seconds, gathered and turned into tables."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class StateVector(NamedTuple):
 
 
 class Broadcast:
-    """All that the messages of a log gave, each distinct message once, and a count of what was not taken, by reason."""
+    """The content of a log's messages, each distinct message once, and a count of rejected messages by reason."""
 
     def __init__(self) -> None:
         self.ephemerides: dict[Ephemeris, None] = {}
@@ -63,12 +63,12 @@ class Broadcast:
         self.refused: Counter[str] = Counter()
 
     def ionosphere_of(self, system: str, coefficients: tuple[float, ...]) -> None:
-        """Keep a system's coefficients, the first that are not all zero (zero stands for "not available")."""
+        """Keep a system's coefficients, the first that are not all zero (zero means "not available")."""
         if any(coefficients):
             self.ionosphere.setdefault(system, coefficients)
 
     def navigation(self) -> NavigationData | None:
-        """Return what was gathered as tables, None when there is nothing."""
+        """Return the gathered messages as tables, None without any."""
         if not (self.ephemerides or self.states or self.ionosphere):
             return None
         rows = {name: np.array(values, dtype=np.float64) for name, values in self.ionosphere.items()}

@@ -1,4 +1,4 @@
-"""What Galileo's two messages have in common: scales, accuracy index, checks (OS SIS ICD 2.1, 5.1)."""
+"""The common part of Galileo's two messages: scales, accuracy index, checks (OS SIS ICD 2.1, 5.1)."""
 
 from __future__ import annotations
 

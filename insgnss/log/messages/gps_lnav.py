@@ -119,7 +119,7 @@ class LnavMessages:
         if not clock["iodc_low"] == orbit_1["iode"] == orbit_2["iode"]:
             return  # a new message has begun: its other subframes are still to come
         if near_ns is None:
-            self._broadcast.refused["LNAV message without a receiver time to tell its week"] += 1
+            self._broadcast.refused["LNAV message without a receiver time for its week"] += 1
             return
         values = clock | orbit_1 | orbit_2
         sent_ns = in_nearest_week(int(values["week"]), WEEK_ROLLOVER, self._sent_sow[sv], near_ns)

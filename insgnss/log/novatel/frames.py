@@ -39,7 +39,7 @@ _SHORT: Final = struct.Struct("<3xBHHI")  # length, kind, week, ms
 
 
 class Frame(NamedTuple):
-    """Where one message lies and what its header says."""
+    """The place and the header of one message."""
 
     offset: int  # of what follows the header
     length: int
@@ -59,7 +59,7 @@ class NovatelFrames:
     foreign_bytes: int = 0
     bad_checksums: list[int] = field(default_factory=list)  # offsets
     cut_at: int | None = None
-    gaps: list[tuple[int, int]] = field(default_factory=list)  # begin and end of what is no message
+    gaps: list[tuple[int, int]] = field(default_factory=list)  # begin and end of bytes outside messages
 
     def of(self, *kinds: int) -> list[Frame]:
         """Return the messages of these kinds, in the order of the file."""
@@ -67,8 +67,8 @@ class NovatelFrames:
         return sorted(found) if len(kinds) > 1 else found
 
     def events(self, known: frozenset[int]) -> list[Event]:
-        """Return what was damaged, foreign or of a kind that is not read."""
-        events = framing_events(self, "novatel", "message", "no NovAtel message (NMEA, damage)", self.size)
+        """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
+        events = framing_events(self, "novatel", "message", "not NovAtel messages (NMEA, damage)", self.size)
         others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
@@ -132,7 +132,7 @@ def _whole_length(data: bytes, at: int) -> int:
 
 
 def _keep(found: NovatelFrames, at: int, stop: int) -> None:
-    """Note the sound message from ``at``, whose check sum stands at ``stop``."""
+    """Note the valid message from ``at``, whose check sum is at ``stop``."""
     found.count += 1
     if found.data[at + 2] == SHORT:
         _, kind, week, ms = _SHORT.unpack_from(found.data, at)

@@ -1,4 +1,4 @@
-"""RAWIMU and its kin (RAWIMUS, RAWIMUX, RAWIMUSX): counts of a NovAtel system's inertial sensor become rates.
+"""RAWIMU and its variants (RAWIMUS, RAWIMUX, RAWIMUSX): counts of a NovAtel system's inertial sensor become rates.
 
 Each message holds the increments of angle and velocity since the one before, Z, -Y, X, in counts of the sensor, in its
 own axes; a rate is the increment times the sensor's output rate. What a count is depends on the sensor's type (OEM7
@@ -77,7 +77,7 @@ def imu_table(
         return None, events + told
     t_ns, first = np.unique(_times(rows), return_index=True)
     if len(t_ns) < len(rows):
-        detail = f"{file}: {len(rows) - len(t_ns)} samples with a time that was there already left out"
+        detail = f"{file}: {len(rows) - len(t_ns)} samples with a repeated time left out"
         events.append(Event(None, "imu_repeated", detail))
     rows = rows[first]
     if len(t_ns) < 2:
@@ -94,7 +94,7 @@ def _xyz(counts: np.ndarray[tuple[int, int], np.dtype[np.int32]]) -> Float64:
 def _sound(
     rows: np.ndarray[tuple[int], np.dtype[np.void]], file: str
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.void]], list[Event]]:
-    """Return the samples with a time, in which the sensor told no error."""
+    """Return the samples with a time, in which the sensor reports no error."""
     timed = (rows["week"] > 0) & (rows["week"] <= LATEST_WEEK) & np.isfinite(rows["sow"])
     timed &= (rows["sow"] >= 0.0) & (rows["sow"] <= S_PER_WEEK)
     faulty = (
@@ -105,7 +105,7 @@ def _sound(
     events = []
     for count, kind, what in (
         (int((~timed).sum()), "imu_time_unknown", "inertial sample(s) without a time left out"),
-        (int(faulty.sum()), "imu_faulty", "inertial sample(s) in which the sensor told an error left out"),
+        (int(faulty.sum()), "imu_faulty", "inertial sample(s) with an error status of the sensor left out"),
     ):
         if count:
             events.append(Event(None, kind, f"{file}: {count} {what}"))
@@ -124,14 +124,14 @@ def _scales(
     declared: tuple[float, float] | None,
     file: str,
 ) -> tuple[tuple[float, float] | None, list[Event]]:
-    """Return what one count is, None where neither the log nor the user says it."""
+    """Return the size of one count, None if neither the log nor the user states it."""
     if declared is not None:
         return declared, []
     is_extended = "type" in (rows.dtype.names or ())
     types = set(np.unique(rows["type"]).tolist()) if is_extended else _configured(files)
     if len(types) == 1 and (kind := next(iter(types))) in SCALES:
         return SCALES[kind], []
-    why = f"of type {', '.join(map(str, sorted(types)))}" if types else "whose type no message tells"
+    why = f"of type {', '.join(map(str, sorted(types)))}" if types else "of unknown type"
     detail = f"{file}: {len(rows)} inertial samples of a sensor {why} not read: {DECLARE}"
     return None, [Event(None, "imu_not_used", detail)]
 

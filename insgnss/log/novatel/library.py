@@ -2,7 +2,7 @@
 
 It runs in a process of its own, because the library ends its process on some damaged messages, and knows nothing of
 the package, so that it starts at once. ASCII becomes binary and RANGECMP to RANGECMP5 become RANGE. Standard error gets
-what the library says.
+the library's output.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ IONUTC: Final = 8
 
 
 def broadcast(files: list[NovatelFrames]) -> Broadcast:
-    """Return every message of the files, each distinct one once; subframes count before what was decoded of them."""
+    """Return every message of the files, each distinct one once; subframes override decoded messages."""
     found = Broadcast()
     lnav = LnavMessages(found)
     for frames in files:
@@ -160,12 +160,12 @@ def _take(
     stated: tuple[tuple[float, float], float, float, float, float],
     named: dict[str, float],
 ) -> None:
-    """Keep a message; ``stated`` are delays, health, accuracy, issue, fit interval, ``named`` what the row has not."""
+    """Keep a message; ``stated`` are delays, health, accuracy, issue, fit interval, ``named`` the rest."""
     values = [named[name] if name in named else float(row[name]) for name in _ELEMENTS]
     toc = named.get("toc", float(row["toc"]) if "toc" in row.dtype.names else math.nan)
     if not sv or near_ns < 0 or not all(map(math.isfinite, (*values, toc, *stated[0]))):
         found.refused[
-            "ephemeris of an unknown satellite, without a time or with a number that is none; refused"
+            "ephemeris of an unknown satellite, without a time or with an invalid number; refused"
         ] += 1
         return
     shift = _BDT_TO_GPS_NS if sv[0] == "C" else 0

@@ -43,7 +43,7 @@ def _with_line_ends(data: bytes) -> bytes:
 
 
 def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
-    """Return the file's messages with those that the library turns into binary ones, and what could not be turned.
+    """Return the file's messages with those that the library turns into binary ones, and those it cannot.
 
     A file that needs no library comes back as it is; the library gets what it alone reads.
 
@@ -71,7 +71,7 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
 
 
 def _left_to_the_library(frames: NovatelFrames) -> bytes:
-    """Return what is no message that is read here, in the order of the file."""
+    """Return everything except the messages read here, in the order of the file."""
     pieces = list(frames.gaps)
     for frame in frames.of(*COMPRESSED_FURTHER):
         pieces.append(
@@ -96,7 +96,7 @@ def _joined(frames: NovatelFrames, turned: NovatelFrames) -> NovatelFrames:
 
 
 def _needed(frames: NovatelFrames) -> str:
-    """Return what in the file only the library reads, "" for nothing."""
+    """Return the messages of the file that only the library reads, "" for none."""
     counts = {name: len(frames.of(kind)) for kind, name in COMPRESSED_FURTHER.items()}
     counts["ASCII"] = len(_ascii_kinds(frames))
     return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
@@ -111,7 +111,7 @@ def _ascii_kinds(frames: NovatelFrames) -> list[bytes]:
 def _losses(
     frames: NovatelFrames, found: NovatelFrames, ended: subprocess.CompletedProcess[bytes]
 ) -> list[Event]:
-    """Return the events of what the library did not turn."""
+    """Return the events of messages that the library did not turn."""
     events = []
     if ended.returncode != 0:
         detail = (
@@ -130,7 +130,7 @@ def _losses(
 
 
 def _unread(frames: NovatelFrames, why: str) -> Event:
-    """Return the event of what was left to the library.
+    """Return the event of messages that were left to the library.
 
     Raises
     ------

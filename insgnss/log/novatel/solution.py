@@ -52,13 +52,13 @@ _COMPUTED: Final = 0
 
 
 def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, list[Event]]:
-    """Return the fullest solution of the files, whether it is that of the inertial sensor, and what was left out."""
+    """Return the fullest solution of the files, whether it is that of the inertial sensor, and the events."""
     for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False)):
         table, left_out = read(files)
         if table is not None:
             events = []
             if left_out:
-                detail = f"{files[0].path}: {left_out} row(s) of the receiver's solution that it calls none left out"
+                detail = f"{files[0].path}: {left_out} row(s) of the receiver marked as no solution left out"
                 events.append(Event(None, "novatel_no_solution", detail))
             return table, is_inertial, events
     return None, False, []

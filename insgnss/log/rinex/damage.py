@@ -36,7 +36,7 @@ class ParsedStretch(NamedTuple):
 
 @dataclass
 class ParsedText:
-    """What could be read of a text, in order, and the file line and reason of each epoch that could not."""
+    """The readable part of a text, in order, and the file line and reason of each epoch that could not."""
 
     stretches: list[ParsedStretch] = field(default_factory=list)
     refused: list[tuple[int, str]] = field(default_factory=list)

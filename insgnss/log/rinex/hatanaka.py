@@ -13,7 +13,7 @@ from typing import Final
 from insgnss.log.rinex.text import version_of
 
 # Where the epoch line, its differences applied, names the flag and the number of satellites or lines, and what makes
-# it start anew: (flag, first column, last column, mark)
+# it restart: (flag, first column, last column, mark)
 _EPOCH_LINE: Final = {1: (28, 29, 32, "&"), 3: (31, 32, 35, ">")}
 
 

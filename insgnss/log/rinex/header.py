@@ -1,4 +1,4 @@
-"""RINEX observation headers with lines out of their columns: written anew, or left out where nothing needs them."""
+"""RINEX observation headers with misaligned lines: rewritten, or left out if nothing needs them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 from insgnss.tables import Event
 
 _LABEL: Final = 60  # column where a line's label begins
-_QUOTED: Final = re.compile(r'in "(.*)"\s*$', re.DOTALL)  # the reader's error tells the line
+_QUOTED: Final = re.compile(r'in "(.*)"\s*$', re.DOTALL)  # the reader's error quotes the line
 # What the epochs cannot be read, dated or scaled without
 _NEEDED: Final = (
     "RINEX VERSION / TYPE",
@@ -26,7 +26,7 @@ _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z
 def mended_header(
     text: str, parse: Callable[[str], Any], error: type[Exception], path: Path
 ) -> tuple[str, list[Event]]:
-    """Return a text whose header lines the reader refuses no more, as far as that goes, and what was done to them."""
+    """Return a text with its header lines repaired for the reader, as far as possible, and the repairs."""
     events: list[Event] = []
     for _ in range(_MOST_LINES):
         try:
@@ -45,7 +45,7 @@ def mended_header(
         written = _written(line, label)
         if not label or label in _NEEDED or written == line:
             break
-        what = "left out" if written is None else "written anew in its columns"
+        what = "left out" if written is None else "rewritten in its columns"
         events.append(
             Event(
                 None,

@@ -45,7 +45,7 @@ _ELEMENTS: Final = (
 
 @dataclass
 class _NavigationContents:
-    """What the files gave so far."""
+    """The content of the files so far."""
 
     keplerian: list[Any] = field(default_factory=list)
     states: list[StateVector] = field(default_factory=list)
@@ -65,7 +65,7 @@ def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]
 
     Raises
     ------
-    NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
+    NavigationDataError : a file is not a RINEX navigation file, or there is no ephemeris in any
     """
     found = _NavigationContents()
     for path in paths:
@@ -102,7 +102,7 @@ def _navigation_text(path: Path) -> str:
     head = text[:400]
     if "RINEX VERSION / TYPE" not in head or head[20:21] not in "NGELJCRIHS":
         raise NavigationDataError(
-            "this is no RINEX navigation file",
+            "not a RINEX navigation file",
             file=path,
             advice="the first line must say so: 'N: GNSS NAV DATA'",
         )
@@ -114,7 +114,7 @@ def _navigation_text(path: Path) -> str:
 
 
 def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
-    """Add the messages of a file, and an event for what is damaged or of another kind."""
+    """Add the messages of a file, and an event for damaged ones or those of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
     except sidereon.SidereonError as error:
@@ -161,7 +161,7 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[E
 
 
 def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
-    """Add an event that names the GLONASS satellites whose channel the file does not tell."""
+    """Add an event that names the GLONASS satellites whose channel the file does not state."""
     without = sorted(
         {state.sv for state in states if state.sv[0] == "R" and state.channel == UNKNOWN_CHANNEL}
     )

@@ -38,8 +38,8 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
     One row for each satellite, epoch and pseudorange code that has a pseudorange or a Doppler, with the carrier phase
     and the loss-of-lock indicator of the same signal. The optional receiver clock offset of an epoch is not applied:
     tag, pseudorange and phase of an epoch agree with each other either way, and the filter estimates the clock. Cycle
-    slip records (epoch flag 6) tell of slips that the writer has repaired in the phases, so they mark no row. An epoch
-    that stands in the file twice is kept twice; which row is used is decided, and told, with the measurements.
+    slip records (epoch flag 6) mark slips that the writer has repaired in the phases, so they mark no row. An epoch
+    that appears twice in the file is kept twice; the choice between them is made, and reported, with the measurements.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
 
     Raises
     ------
-    InputError : a file is no RINEX observation file, or holds no epoch that can be read
+    InputError : a file is not a RINEX observation file, or has no readable epoch
     """
     parts = []
     events: list[Event] = []
@@ -69,7 +69,7 @@ def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list
         events += mended
         blocks = split_epochs(text)
         if not blocks.epochs:
-            raise InputError(f"no RINEX observation file: {error}", file=path) from error
+            raise InputError(f"not a RINEX observation file: {error}", file=path) from error
         parsed = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
     events += _damage_events(parsed, path)
     values = ObservationValues()
@@ -95,7 +95,7 @@ def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
         return Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
 
     def value(cell: DamagedCell) -> Event:
-        detail = f"observation {cell.place + 1}, '{cell.text}', is no number; value refused"
+        detail = f"observation {cell.place + 1}, '{cell.text}', is not a number; value refused"
         return Event(None, "rinex_value_damaged", f"{path}:{cell.line}: {cell.sv}: {detail}")
 
     cells = [cell for _, damaged in parsed.stretches for cell in damaged]
@@ -114,7 +114,7 @@ def _observation_text(path: Path) -> tuple[str, list[Event]]:
         events += told
     if "RINEX VERSION / TYPE" not in text[:400]:
         raise InputError(
-            "this is no RINEX file: the first line lacks 'RINEX VERSION / TYPE'",
+            "not a RINEX file: the first line lacks 'RINEX VERSION / TYPE'",
             file=path,
             advice="for CSV set gnss.format = 'csv'",
         )
@@ -122,7 +122,7 @@ def _observation_text(path: Path) -> tuple[str, list[Event]]:
 
 
 def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
-    """Return the text without the Hatanaka compression: all of it, or what stands before the first damage."""
+    """Return the text without the Hatanaka compression: all of it, or the part before the first damage."""
     try:
         return sidereon.decode_crinex(text), []
     except sidereon.SidereonError as error:
@@ -191,7 +191,7 @@ def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
 
 
 def _scale_shift_ns(product: Any) -> int:
-    """Return what is added to the file's time tags to make them GPS time [ns]."""
+    """Return the correction of the file's time tags to GPS time [ns]."""
     first = product.header.time_of_first_obs
     if first is None:
         return 0

@@ -1,4 +1,4 @@
-"""Observation values as RINEX lists them, one per code, become rows: all that was measured of one signal.
+"""Observation values as RINEX lists them, one per code, become rows: all measurements of one signal.
 
 Epochs that show the same satellites with the same codes share a layout: which value of the epoch goes into which row
 and column is worked out once for a layout, and all its epochs are then placed at once.
@@ -17,7 +17,7 @@ from insgnss.tables import Float64, GnssTable, Int8, Int64
 
 # RINEX 2 names one phase, one Doppler and one signal strength for each band, whatever the code
 SHARED_BAND_BELOW_VERSION: Final = 3.0
-UNREADABLE: Final = np.inf  # stands for a value whose cell held no number
+UNREADABLE: Final = np.inf  # marks a value whose cell held no number
 KINDS: Final = "CLDS"  # pseudorange, carrier phase, Doppler, signal strength
 _CODE: Final = re.compile(r"[CLDS]\d[A-Z]?")
 _LLI_BITS: Final = 7.0  # RINEX 3.05, table A3: bits 0 to 2
@@ -36,7 +36,7 @@ class EpochLayout:
 
 @dataclass
 class ObservationValues:
-    """All observations of a file, in the order they stand in it."""
+    """All observations of a file, in its order."""
 
     version: float = 3.0
     layouts: list[EpochLayout] = field(default_factory=list)
@@ -44,7 +44,7 @@ class ObservationValues:
     layout_of: list[int] = field(default_factory=list)  # of each epoch
     values: list[Float64] = field(default_factory=list)  # of each epoch
     lli: list[Float64] = field(default_factory=list)  # of each epoch, NaN where blank
-    phases_alone: int = 0  # carrier phases that have neither pseudorange nor Doppler beside them
+    phases_alone: int = 0  # carrier phases without pseudorange and Doppler
 
     def new_layout(self, satellites: Sequence[str], codes: Sequence[str]) -> int:
         """Return the number of a new layout for values of these satellites and codes."""

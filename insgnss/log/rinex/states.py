@@ -1,6 +1,6 @@
 """State vectors in RINEX navigation files: GLONASS, read through ``sidereon``, and SBAS.
 
-A GLONASS message whose channel is missing is kept, its channel marked as not known: the log may tell it.
+A GLONASS message whose channel is missing is kept, its channel marked as not known: the log may state it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FIELD: Final = 19  # characters of a number
 
 @dataclass(frozen=True)
 class StateVectors:
-    """The messages of a file, and what was amiss."""
+    """The messages of a file, and its defects."""
 
     found: list[StateVector]
     refused: list[tuple[int, str, str]]  # line (1 where it is not known), satellite and reason
@@ -101,7 +101,7 @@ def _glonass(record: Any) -> StateVector:
 
 
 def _utc_j2000_to_ns(seconds: float) -> int:
-    """Return GPS time [ns] of UTC seconds since J2000; no date for what is none."""
+    """Return GPS time [ns] of UTC seconds since J2000; no date for an invalid value."""
     try:
         return utc_to_ns(_J2000 + dt.timedelta(seconds=seconds))
     except (OverflowError, ValueError):

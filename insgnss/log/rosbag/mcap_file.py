@@ -1,4 +1,4 @@
-"""MCAP files' messages by their topics, read by the library ``mcap``; a cut or damaged file gives what stands before.
+"""MCAP files' messages by their topics, read by the library ``mcap``; a cut or damaged file gives the messages before.
 
 Chunks are unpacked here, so that one cannot grow beyond belief: at most a hundredfold, and more than 64 MB.
 """
@@ -62,7 +62,7 @@ def read_topics(
 
     Raises
     ------
-    InputError : the libraries are not installed, or the file is no MCAP file
+    InputError : the libraries are not installed, or the file is not an MCAP file
     """
     try:
         from mcap.stream_reader import StreamReader
@@ -78,7 +78,7 @@ def read_topics(
     except Exception as error:  # besides the library's own, struct.error, UnicodeDecodeError, ...
         if not gathered.topics:
             raise InputError(f"the MCAP file cannot be read: {type(error).__name__}: {error}", file=path,
-                             advice="was the recording ended in order? try 'mcap recover'") from error  # fmt: skip
+                             advice="was the recording interrupted? try 'mcap recover'") from error  # fmt: skip
         place = f"byte {stream.tell()} of {len(stream.getbuffer())}: not read further: {type(error).__name__}"
         gathered.events.append(Event(None, "mcap_cut", place))
     return gathered.topics, shortened(gathered.events, "chunks")
@@ -120,7 +120,7 @@ class _RecordCollector:
                 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
                     decode = self._factory.decoder_for(record.message_encoding, schema)
             except Exception as error:
-                detail = f"{record.topic}: its type cannot be understood: {type(error).__name__}"
+                detail = f"{record.topic}: unknown message type: {type(error).__name__}"
                 self.events.append(Event(None, "mcap_damaged", detail))
         if decode is not None and part:
             decode = partial(_part, decode, part)
@@ -170,7 +170,7 @@ def _unpacked(chunk: Any) -> bytes:
     """
     size, most = chunk.uncompressed_size, largest_unpacked(len(chunk.data))
     if size > most:
-        raise ValueError(f"it grows to more than {MOST_TIMES} times its size")
+        raise ValueError(f"it expands to more than {MOST_TIMES} times its size")
     if chunk.compression == "":
         return bytes(chunk.data)
     if chunk.compression == "lz4":

@@ -1,4 +1,4 @@
-"""Raw GNSS in a bag: u-blox drivers' messages are put back into UBX frames, bytes are read as what they are."""
+"""Raw GNSS in a bag: messages of u-blox drivers are converted back into UBX frames, raw bytes are read directly."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _stream(topic: Topic, events: list[Event]) -> bytes:
 
 
 def raw_log(topic: Topic, subframes: Sequence[Topic], path: Path, events: list[Event]) -> ReceiverLog | None:
-    """Return the measurements of a topic and the messages beside it, None when they cannot be read.
+    """Return the measurements of a topic and the related messages, None if they cannot be read.
 
     Parameters
     ----------

@@ -47,7 +47,8 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
 
     Raises
     ------
-    InputError : the libraries are not installed, the file is no MCAP file or holds nothing of use, or several topics
+    InputError : the libraries are not installed, the file is not an MCAP file or holds no usable data, or several
+    topics
         would do and none is named
     """
     found, events = read_topics(path, _READ, (IMU, FIX))
@@ -105,12 +106,12 @@ def _one(
 
 
 def _times(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
-    """Return the GPS time of each message's stamp, -1 for one that is no date."""
+    """Return the GPS time of each message's stamp, -1 for an invalid date."""
     seconds = np.array([m.header.stamp.sec for _, m in messages], np.int64)
     nanos = np.array([m.header.stamp.nanosec for _, m in messages], np.int64)
     good = (seconds > _EARLIEST_S) & (seconds < _LATEST_S) & (nanos < NS_PER_S)
     if not good.all():
-        detail = f"{topic.name}: {int((~good).sum())} message(s) whose stamp is no date (a simulator's time?) left out"
+        detail = f"{topic.name}: {int((~good).sum())} message(s) with an invalid time stamp (simulated time?) left out"
         events.append(Event(None, "mcap_time_unknown", detail))
     if not good.any():
         return np.full(len(messages), -1, np.int64)
@@ -136,7 +137,9 @@ def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
     imu, told = paired(*parts[0], *parts[1], topic.name)
     events += told
     if imu is not None:
-        detail = f"{topic.name}: stamps of the computer's clock (UTC); how far it is from the receiver's no bag says"
+        detail = (
+            f"{topic.name}: stamps of the computer's clock (UTC); its offset from the receiver's is unknown"
+        )
         events.append(Event(int(imu.t_ns[0]), "imu_time_estimated", detail))
     return imu
 
@@ -173,7 +176,11 @@ def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
     )
     unknown = np.full((len(rows), 3), np.nan)
     events.append(
-        Event(None, "reference_own", f"the reference is {topic.name}, the receiver's fixes: no truth")
+        Event(
+            None,
+            "reference_own",
+            f"the reference is {topic.name}, the receiver's fixes: not independent truth",
+        )
     )
     lat, lon, h = place[rows].T
     return ReferenceTable(t_ns[rows], lat, lon, h, unknown, unknown, np.full(len(rows), OWN_SOLUTION), sigma)

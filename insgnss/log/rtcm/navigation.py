@@ -26,14 +26,14 @@ _ANGLES: Final = {
     **{"i0": -31, "omega0": -31, "omega": -31, "m0": -31},
     **{"delta_n": -43, "omega_dot": -43, "idot": -43},
 }
-# Scales of toc and toe [s], af0 af1 af2, cu and ci, cr; e and sqrt(a) are alike in all
+# Scales of toc and toe [s], af0 af1 af2, cu and ci, cr; e and sqrt(a) are the same in all
 _GPS: Final = (16.0, (-31, -43, -55), -29, -5)
 _GALILEO: Final = (60.0, (-34, -46, -59), -29, -5)
 _BEIDOU: Final = (8.0, (-33, -50, -66), -31, -6)
 
 
 def broadcast(messages: Sequence[tuple[Any, int]]) -> Broadcast:
-    """Return what the ephemerides give, each distinct one once.
+    """Return the ephemerides, each distinct one once.
 
     Parameters
     ----------

@@ -272,7 +272,7 @@ def _carrier_hz(sv: str, code: str, channel: int | None) -> float:
 def _chosen(
     cells: RtcmObservations, file: str
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
-    """Return the rows that are used, sorted by epoch, satellite and signal, and what became of the others."""
+    """Return the rows that are used, sorted by epoch, satellite and signal, and the events of the others."""
     events = []
     if cells.unknown:
         listed = ", ".join(f"{count} of {what}" for what, count in cells.unknown.most_common(10))

@@ -32,12 +32,12 @@ def read_rtcm(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     """Read RTCM 3 files (plain or gzipped), parts of one stream in their order.
 
     A stream states seconds of the week or of the day. The week comes from ``date`` (of the first epoch), else from the
-    stream's own ephemerides; an event says when GPS's week alone, sent modulo 1024, has told it.
+    stream's own ephemerides; an event says when GPS's week alone, sent modulo 1024, was used for it.
 
     Raises
     ------
     InputError : a file cannot be read, or the stream holds no frame or no observation
-    TimeError : nothing tells the date
+    TimeError : the date is unknown
     """
     return read_rtcm_bytes(b"".join(file_buffer(path).to_pybytes() for path in paths), str(paths[0]), date)
 
@@ -79,7 +79,7 @@ def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> Rece
 
 
 def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
-    """Return the stream's tables and what was noticed while they were made."""
+    """Return the stream's tables and events."""
     times, cells, ephemerides = EpochTimes(known.near_ns), RtcmObservations(), []
     for message in messages:
         number = message.message_number
@@ -120,7 +120,7 @@ def _not_used(messages: list[Any]) -> str:
 
 
 def _damage(found: Any, size: int, file: str) -> list[Event]:
-    """Return what the frames' check sums and layouts told."""
+    """Return the events of the frames' check sums and layouts."""
     events = first_events(
         found.skipped_frames,
         lambda skip: Event(
@@ -135,7 +135,7 @@ def _damage(found: Any, size: int, file: str) -> list[Event]:
         detail = f"{file}: {found.crc_failures} frame(s) with a wrong check sum left out"
         events.append(Event(None, "rtcm_damaged", detail))
     if found.resync_bytes:
-        detail = f"{file}: {found.resync_bytes} of {size} bytes are no whole frame (other protocols, damage, a cut)"
+        detail = f"{file}: {found.resync_bytes} of {size} bytes are not in a whole frame (other data, damage, a cut)"
         events.append(Event(None, "rtcm_foreign_bytes", detail))
     return events
 
@@ -151,7 +151,7 @@ def _stations(messages: list[Any], file: str) -> list[Event]:
         Event(
             None,
             "rtcm_station",
-            f"{file}: station {number} stands at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
+            f"{file}: station {number} is at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
         )
         for number, (x, y, z, h) in places.items()
     ]

@@ -46,7 +46,7 @@ class StreamDate:
     week_assumed: bool = False  # only GPS's week modulo 1024 is known
 
     def events(self, file: str) -> list[Event]:
-        """Return what has to be told of the date."""
+        """Return the events about the date."""
         if not self.week_assumed:
             return []
         detail = (

@@ -115,7 +115,7 @@ SENSOR: Final = _layout(
 
 @dataclass
 class Blocks:
-    """Where the blocks of a file begin, by number, and what could not be read."""
+    """Where the blocks of a file begin, by number, and the unreadable ones."""
 
     starts: dict[int, list[int]] = field(default_factory=dict)
     damaged: int = 0  # sync words with a sound header but a wrong check sum, or cut by the end

@@ -1,7 +1,7 @@
 """SBF's MeasEpoch blocks become rows: all signals of all epochs of a file at once.
 
-The first signal of a satellite stands in full (type 1), its others as differences to it (type 2). PolaRx5TR reference
-guide, firmware 5.5.0, MeasEpoch:
+The first signal of a satellite is given in full (type 1), its others as differences to it (type 2). PolaRx5TR
+reference guide, firmware 5.5.0, MeasEpoch:
 
 - type 1: P = (CodeMSB 2^32 + CodeLSB) mm, D = Doppler 1e-4 Hz, L = P / lambda + (CarrierMSB 65536 + CarrierLSB) 1e-3
 - type 2: P = P1 + (CodeOffsetMSB 65536 + CodeOffsetLSB) mm, D = D1 f / f1 + (DopplerOffsetMSB 65536 +
@@ -35,7 +35,7 @@ from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 Records = np.ndarray[tuple[int], np.dtype[np.void]]
 Bool = npt.NDArray[np.bool_]
 
-_EXTENDED: Final = 31  # the signal's number does not fit the field and stands in the flags, 32 less
+_EXTENDED: Final = 31  # the signal's number does not fit the field and is in the flags, 32 less
 _HALF_CYCLE: Final = 0x04
 _DOPPLER_MISSING: Final = -(2**31)
 _CARRIER_MISSING: Final = -128

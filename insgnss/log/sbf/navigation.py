@@ -1,4 +1,4 @@
-"""SBF's decoded broadcast messages (GPSNav and its kin) become the tables of ``insgnss.tables``.
+"""SBF's decoded broadcast messages (GPSNav and the like) become the tables of ``insgnss.tables``.
 
 PolaRx5TR reference guide, firmware 5.5.0, 4.2.3 to 4.2.8: angles in semicircles, BeiDou's times in BeiDou time,
 GLONASS's in GPS time. Numbers of single precision keep every bit that was broadcast, except the clocks' offsets of
@@ -81,7 +81,7 @@ def _take(found: Broadcast, row: Any, system: str, ephemeris: Any) -> None:
         return
     message = ephemeris(sv, row, received_ns)
     if not all(map(math.isfinite, message.elements)):
-        found.refused["SBF message with a number that is none"] += 1
+        found.refused["SBF message with an invalid number"] += 1
         return
     found.ephemerides.setdefault(message)
 

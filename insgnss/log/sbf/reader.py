@@ -41,7 +41,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     """Read a Septentrio receiver's SBF file, or several as one (plain or gzipped).
 
     Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
-    told. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
+    reported. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
     Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
     (INSNavGeod) alone; the table of measurements is empty then.
 

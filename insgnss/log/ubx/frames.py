@@ -47,8 +47,8 @@ class UbxFrames:
         return self.payloads.get(kind, [])
 
     def events(self, known: set[int]) -> list[Event]:
-        """Return what was damaged, foreign or of a kind that is not read."""
-        events = framing_events(self, "ubx", "frame", "no UBX (NMEA, RTCM or damage)", len(self.data))
+        """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
+        events = framing_events(self, "ubx", "frame", "not UBX (NMEA, RTCM or damage)", len(self.data))
         others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind >> 8:02X} {kind & 255:02X}" for kind, n in others.most_common())
@@ -83,7 +83,7 @@ def frames_in(path: Path, data: bytes) -> UbxFrames:
         length: int = length_of(data, at + 4)[0]
         start, stop = at + 2, at + _HEAD + length
         if stop + 2 > size:
-            # a length that reaches beyond the end: the last frame is cut, or these two bytes are no frame at all
+            # a length that reaches beyond the end: the last frame is cut, or these two bytes do not begin a frame
             frames.cut_at = at if frames.cut_at is None else frames.cut_at
             at = data.find(SYNC, at + 2)
             continue

@@ -2,7 +2,7 @@
 
 Their time tags count from the receiver's start, in ticks (ESF-RAW) or milliseconds (ESF-MEAS), and no message says how
 they relate to GPS time. The relation is taken from the order of the messages: a sample that stands before an epoch's
-measurements in the file was measured before them, give or take what the receiver needs to send both. A straight
+measurements in the file was measured before them, within the time that the receiver needs to send both. A straight
 line t = t0 + tick * tag is laid between the last tag before and the first tag after each epoch (least squares over
 the whole file, so that the rate of the sensor's clock, some 50 ppm off, comes out too).
 
@@ -35,13 +35,13 @@ _FORCE_SCALE: Final = 2.0**-10  # m/s^2
 _TAG_CYCLE: Final = 1 << 32
 MIN_EPOCHS: Final = 3  # for the line between tags and time
 BEYOND_NS: Final = 3600 * NS_PER_S  # a sample further from all epochs has a damaged tag
-MAX_TICK_CHANGE: Final = 1e-3  # a slope further from a nominal one is no clock
+MAX_TICK_CHANGE: Final = 1e-3  # a slope further from a nominal one is not a clock
 _NOMINAL_TICK_S: Final = {RAW: 39.0625e-6, MEAS: 1e-3}
 
 
 @dataclass(frozen=True)
 class SensorValues:
-    """Single sensor values as they stand in a file."""
+    """Single sensor values in the order of a file."""
 
     offset: Int64  # (n,) of the frame each came in
     tag: Int64  # (n,) sensor time, counted on over the wrap of 32 bits
@@ -79,7 +79,7 @@ def imu_table(frames: UbxFrames, epoch_offset: Int64, epoch_ns: Int64) -> tuple[
     )
     t_ns = line.t0_ns + after_ns[near].astype(np.int64)
     if not len(t_ns):
-        return None, [Event(None, "imu_not_used", f"{frames.path}: no sensor time lies near the epochs")]
+        return None, [Event(None, "imu_not_used", f"{frames.path}: no sensor time is near the epochs")]
     values_si = samples.values[near] * ([_RATE_SCALE] * 3 + [_FORCE_SCALE] * 3)
     table = ImuTable(t_ns, values_si[:, :3], values_si[:, 3:])
     samples = replace(samples, left_out=samples.left_out + int((~near).sum()))

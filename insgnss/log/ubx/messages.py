@@ -84,7 +84,7 @@ class UbxMessages:
             if length >= _HEAD:
                 self._take(frames.data[offset : offset + length], near_ns)
             else:
-                self.broadcast.refused["RXM-SFRBX frame that is too short"] += 1
+                self.broadcast.refused["RXM-SFRBX frame too short"] += 1
 
     def _take(self, payload: bytes, near_ns: int | None) -> None:
         gnss, number, signal, frequency, count = payload[:5]
@@ -111,7 +111,7 @@ class UbxMessages:
         self._glonass.add(sv, joined(words[:3], 32) >> 11, words[3], near_ns, channel)
 
     def events(self, file: str) -> list[Event]:
-        """Return what was refused and what was not used, with counts."""
+        """Return the events of refused and unused messages, with counts."""
         told = [
             Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
             for reason, count in self.broadcast.refused.items()

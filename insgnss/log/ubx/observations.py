@@ -67,7 +67,7 @@ SIGNALS: Final[dict[str, dict[int, str]]] = {
 
 @dataclass(frozen=True)
 class RawEpochs:
-    """The epochs of one file as they stand in it."""
+    """The epochs of one file in its order."""
 
     t_ns: Int64  # (m,) receiver time tag
     offset: Int64  # (m,) place of each in the file
@@ -152,7 +152,7 @@ def observation_table(files: list[RawEpochs], path: Path) -> tuple[GnssTable, li
 def _rows(
     t_ns: Int64, measured: npt.NDArray[np.void], path: Path
 ) -> tuple[GnssTable, Int64, npt.NDArray[np.bool_], list[Event]]:
-    """Return the rows, the lock time of each, whether a half cycle was subtracted, and what was passed over."""
+    """Return the rows, the lock time of each, whether a half cycle was subtracted, and the events of omitted rows."""
     satellite = _named(measured["gnss"], measured["satellite"], satellite_name)
     signal = _named(measured["gnss"], measured["signal"], _signal_name)
     known = (satellite.index >= 0) & (signal.index >= 0)
@@ -194,7 +194,7 @@ class _SatelliteNames:
 def _named(
     system: npt.NDArray[np.uint8], number: npt.NDArray[np.uint8], name_of: Callable[[int, int], str | None]
 ) -> _SatelliteNames:
-    """Return names for pairs of system and number; ``name_of`` gives None for what is not known."""
+    """Return names for pairs of system and number; ``name_of`` gives None for unknown ones."""
     pairs, index = np.unique(system.astype(np.int64) * 256 + number, return_inverse=True)
     words = [name_of(int(pair) >> 8, int(pair) & 255) for pair in pairs]
     names = tuple(sorted({word for word in words if word is not None}))

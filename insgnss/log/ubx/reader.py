@@ -1,7 +1,7 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
 Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT or
-NAV-TIMEGPS tells the time where there is no raw measurement. Everything else is counted. Read by
+NAV-TIMEGPS gives the time where there is no raw measurement. Everything else is counted. Read by
 ``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
 """
 
@@ -93,7 +93,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         raise InputError(
             f"the UBX file holds no raw measurement and no inertial sample{': ' + why if why else ''}",
             file=paths[0],
-            advice="the receiver must be told to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides);"
+            advice="configure the receiver to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides);"
             " receivers of the generations 4 to 6: UBX-RXM-RAW (and UBX-RXM-SFRB)",
         )
     leaps = np.concatenate([part.leap_s for part in epochs])
@@ -112,7 +112,7 @@ def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list
     rows = order[np.concatenate(([True], np.diff(t_ns[order]) > 0))]
     events = []
     if len(rows) < len(t_ns):
-        detail = f"{file}: {len(t_ns) - len(rows)} samples with a time that was there already left out"
+        detail = f"{file}: {len(t_ns) - len(rows)} samples with a repeated time left out"
         events.append(Event(None, "imu_repeated", detail))
     rates, forces = (
         np.concatenate([getattr(part, name) for part in parts])[rows] for name in ("w_ib_b", "f_b")
@@ -141,7 +141,7 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
 
 
 def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return where the receiver's solutions (NAV-PVT, else NAV-TIMEGPS) stand in a file and their GPS times."""
+    """Return the positions of the receiver's solutions (NAV-PVT, else NAV-TIMEGPS) in a file and their GPS times."""
     if not frames.of(PVT):
         return _gps_times(frames)
     size = _PVT_LAYOUT.itemsize
@@ -156,7 +156,7 @@ def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
             utc = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
         except ValueError:
             continue  # no date of the calendar
-        # the date tells the week, the milliseconds of the week the time in it
+        # the date gives the week, the milliseconds of the week the time in it
         midday = datetime_to_ns(utc) + NS_PER_S * 43_200
         tow = int(row["tow_ms"]) * 1_000_000
         half = NS_PER_WEEK // 2
@@ -166,7 +166,7 @@ def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return where NAV-TIMEGPS stands in a file and the GPS times it states."""
+    """Return the positions of NAV-TIMEGPS in a file and the GPS times it states."""
     found = [
         (o, np.frombuffer(frames.data, _TIMEGPS_LAYOUT, 1, o)[0])
         for o, n in frames.of(TIMEGPS)

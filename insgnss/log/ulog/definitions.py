@@ -46,7 +46,7 @@ def check_definitions(data: bytes, path: Path) -> None:
             raise InputError(
                 f"the ULog's format '{name.decode('latin-1')[:40]}' has more fields than a message has bytes",
                 file=path,
-                advice="the file is damaged at its head: copy it from the vehicle again",
+                advice="the header of the file is damaged: copy it from the vehicle again",
             )
 
 

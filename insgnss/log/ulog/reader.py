@@ -48,7 +48,7 @@ def read_ulog(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLo
 
     Raises
     ------
-    InputError : pyulog is not installed, the file is no ULog, damaged at its head, or holds nothing of use
+    InputError : pyulog is not installed, the file is not a ULog, has a damaged header, or holds no usable data
     """
     log, events = _load(path)
     data = {(d.name, d.multi_id): d.data for d in log.data_list if "timestamp" in d.data}
@@ -59,7 +59,7 @@ def read_ulog(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLo
 def _tables(
     data: Mapping[tuple[str, int], Any], events: list[Event], wanted: dict[str, str], path: Path
 ) -> ReceiverLog:
-    """Return what the topics hold; ``events`` are those of the file itself."""
+    """Return the content of the topics; ``events`` are those of the file itself."""
     clock, told = boot_clock(_fixes(data))
     events += told
     raw, told = _raw(data, path)
@@ -81,7 +81,7 @@ def _tables(
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:
-    """Return the file as ``pyulog`` reads it, and what was damaged."""
+    """Return the file as ``pyulog`` reads it, and the events of damage."""
     try:
         from pyulog import ULog
     except ImportError as error:
@@ -100,14 +100,18 @@ def _load(path: Path) -> tuple[Any, list[Event]]:
         raise InputError(
             f"the ULog cannot be read: {type(error).__name__}: {error}",
             file=path,
-            advice="is it damaged at its head? copy it from the vehicle again",
+            advice="the header may be damaged: copy the file from the vehicle again",
         ) from error
     if log.file_corruption:
         events.append(Event(None, "ulog_damaged", "damaged messages left out"))
     if log.dropouts:
         seconds = sum(dropout.duration for dropout in log.dropouts) / 1000.0
         events.append(
-            Event(None, "ulog_dropouts", f"{len(log.dropouts)} dropouts, {seconds:.2f} s in all, told by PX4")
+            Event(
+                None,
+                "ulog_dropouts",
+                f"{len(log.dropouts)} dropouts, {seconds:.2f} s in total, reported by PX4",
+            )
         )
     return log, events
 
@@ -222,7 +226,7 @@ def _combined(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:
 
 
 def _raw(data: Mapping[tuple[str, int], Any], path: Path) -> tuple[ReceiverLog | None, list[Event]]:
-    """Return what the receiver's own bytes hold, None when none were dumped or they are no UBX."""
+    """Return the content of the receiver's own bytes, None if none were dumped or they are not UBX."""
     rows = [d for (name, _), d in data.items() if name == DUMP]
     if not rows:
         return None, []

@@ -20,7 +20,7 @@ FIXES: Final = ("vehicle_gps_position", "sensor_gps")
 GLOBAL: Final = "vehicle_global_position"
 SOLUTION: Final = (GLOBAL, "vehicle_local_position", "vehicle_attitude")
 _FIX_3D: Final = 3
-_LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or attitude put beside it
+_LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or attitude paired with it
 Data = Mapping[tuple[str, int], Any]
 
 
@@ -68,7 +68,11 @@ def _filtered(data: Data, clock: BootClock) -> tuple[ReferenceTable | None, list
     quality = np.full(len(kept), OWN_SOLUTION)
     table = ReferenceTable(t_ns[kept], lat, lon, h, velocity, _euler_deg(attitude), quality, sigma)
     return table, [
-        Event(None, "reference_own", f"the reference is PX4's own solution ({', '.join(SOLUTION)}): no truth")
+        Event(
+            None,
+            "reference_own",
+            f"the reference is PX4's own solution ({', '.join(SOLUTION)}): not independent truth",
+        )
     ]
 
 
@@ -113,7 +117,9 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
         np.full(len(kept), OWN_SOLUTION),
         sigma,
     )
-    return table, [Event(None, "reference_own", f"the reference is {name}, the receiver's fixes: no truth")]
+    return table, [
+        Event(None, "reference_own", f"the reference is {name}, the receiver's fixes: not independent truth")
+    ]
 
 
 def _times(rows: Any) -> Int64:
@@ -136,7 +142,7 @@ def _distinct(t_ns: Int64, good: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> 
 
 
 def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
-    """Return what is added to the solution's heights to count them from the ellipsoid."""
+    """Return the correction of the solution's heights to the ellipsoid."""
     if "alt_ellipsoid" in rows:
         difference: Float64 = np.asarray(rows["alt_ellipsoid"], np.float64) - np.asarray(
             rows["alt"], np.float64

@@ -1,4 +1,4 @@
-"""What the tracking loops were told of each satellite, and how far to trust it."""
+"""The aiding of the tracking loops for each satellite, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def section(run: Run) -> Section | None:
         _by_satellite(
             table,
             "chart-aiding-sigma",
-            "How far to trust it",
+            "Uncertainty of the aiding",
             (("sd_doppler_hz", "sigma of Doppler, Hz"), ("sd_doppler_rate_hz_per_s", "of its rate, Hz/s")),
             log=True,
         ),

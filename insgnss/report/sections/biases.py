@@ -50,7 +50,9 @@ def _clock(run: Run) -> Chart:
     rows = ChartRows(["bias less its line, m", "drift, m/s"])
     _band(rows, 0, time_s, bias - (level + slope * centred), nav["sd_clock_bias_m"].to_numpy())
     _band(rows, 1, time_s, nav["clock_drift_mps"].to_numpy(), nav["sd_clock_drift_mps"].to_numpy())
-    caption = f"Taken off the bias: a line of {slope:.3f} m/s; at the first row the bias itself was {bias[0]:.1f} m."
+    caption = (
+        f"Subtracted from the bias: a line of {slope:.3f} m/s; at the first row the bias was {bias[0]:.1f} m."
+    )
     return rows.chart("chart-clock", "Receiver clock", row_px=150, caption=caption, showlegend=False)
 
 
@@ -62,9 +64,7 @@ def _optional(run: Run, names: list[str]) -> Chart:
         middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
         words = f"{label(name).words} ({middle:.2f} {label(name).unit})"
         rows.add(0, line_trace(time_s, values - middle, words, colour_of(place)))
-    caption = (
-        "Offsets between constellations and bands, in metres; the median taken off each stands in the legend."
-    )
+    caption = "Offsets between constellations and bands, in metres; the legend gives the median subtracted from each."
     return rows.chart("chart-offsets", "Clock offsets and optional states", row_px=240, caption=caption)
 
 

@@ -19,6 +19,6 @@ def section(run: Run) -> Section:
         for time_s, kind, detail in zip(shown["time_s"], shown["kind"], shown["detail"], strict=True)
     )
     more = len(events) - len(shown)
-    note = f"<p>{more} further events stand in the table 'events' of the run.</p>" if more else ""
+    note = f"<p>{more} further events are in the table 'events' of the run.</p>" if more else ""
     inside = table(("time, s", "kind", "detail"), rows, name="events-table", searchable=True)
     return Section("events", f"Events ({len(events)})", before=note + inside)

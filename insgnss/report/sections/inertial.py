@@ -17,7 +17,7 @@ _AXES: Final = (("x", "forward"), ("y", "right"), ("z", "down"))
 
 
 def section(run: Run) -> Section | None:
-    """Return what the sensors measured, None for a run that does not hold it."""
+    """Return the sensors' measurements, None for a run without them."""
     if run.imu is None or run.imu.empty:
         return None
     charts = [_over_time(run.imu)]

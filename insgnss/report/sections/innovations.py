@@ -49,7 +49,7 @@ def section(run: Run) -> Section | None:
         return None
     about = (
         "<p>An innovation is measured minus predicted. Divided by its predicted sigma, 95 % should lie within ±1.96;"
-        " its square, NIS, should be 1 in the mean. Below 1 the filter is more careful than it need be, above 1 it"
+        " its square, NIS, should be 1 on average. Below 1 the filter is more careful than necessary, above 1 it"
         " trusts too much.</p>"
     )
     told = "".join(f"<p>{text(_about_own(name, entry))}</p>" for name, entry in own.items())
@@ -75,7 +75,7 @@ def nis_bounds(n: int, share: float = 0.95) -> tuple[float, float]:
 
 
 def histogram(values: Float64) -> tuple[Float64, Float64]:
-    """Return the middles of the bins and the density of ``values`` in each; what lies outside counts at the edge."""
+    """Return the middles of the bins and the density of ``values`` in each; values outside count at the edge."""
     edges = np.linspace(-_SHOWN, _SHOWN, _BINS + 1)
     count, _ = np.histogram(np.clip(values, -_SHOWN, _SHOWN), edges)
     width = edges[1] - edges[0]
@@ -182,7 +182,7 @@ def _histogram(used: pd.DataFrame, kind: str, words: str) -> Chart:
 
 
 def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
-    """Return the mean NIS of each satellite beside the bounds for as many independent values."""
+    """Return the mean NIS of each satellite with the bounds for as many independent values."""
     place_of, names = satellites_of(used)
     groups = used["nis"].groupby(place_of)
     means, counts = groups.mean(), groups.count()

@@ -1,4 +1,4 @@
-"""Protection levels: over time, against the errors where a reference tells them, and what each fault would move."""
+"""Protection levels: over time, against the errors if there is a reference, and the effect of each fault."""
 
 from __future__ import annotations
 

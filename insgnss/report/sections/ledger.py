@@ -1,4 +1,4 @@
-"""The ledger's totals: what became of every measurement in the log, by kind and by satellite."""
+"""The ledger's totals: the status of every measurement in the log, by kind and by satellite."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def section(run: Run) -> Section:
     ]
     rows.append(["in the log", *(int(counts[kind].sum()) for kind in kinds), ""])
     head = ("status", *(kind.replace("_", " ") for kind in kinds), "meaning")
-    title = f"<p>{len(run.measurements)} measurements, each with what became of it.</p>"
+    title = f"<p>{len(run.measurements)} measurements, each with its status.</p>"
     return Section(
         "ledger", "Ledger", before=title + table(head, rows, name="ledger-totals") + _by_satellite(run)
     )

@@ -1,4 +1,4 @@
-"""The antenna's gain behind the sky in body axes, where the run tells which antennas the vehicle had."""
+"""The antenna's gain behind the sky in body axes, if the run states the vehicle's antennas."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _gain(run: Run) -> Float64 | None:
     described = dict(flight.get("gnss") or {}).get("antenna")
     if not described:
         return None
-    # the flight file is the first of the files a run tells of: relative paths start in its folder
+    # the flight file is the first of a run's files: relative paths start in its folder
     first = next(iter(run.settings.get("input_sha256") or {}), "")
     try:
         antennas, _ = installation(

@@ -14,7 +14,7 @@ from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _POINTS: Final = 12000  # of all satellites' lines together
-_MOST_DOP: Final = 50.0  # a larger one is no geometry, and would flatten the others
+_MOST_DOP: Final = 50.0  # a larger one is not a useful geometry, and would flatten the others
 _LEAST: Final = 4  # satellites, for a position and a clock
 
 

@@ -1,4 +1,4 @@
-"""Who was tracked when: a line per satellite, coloured by what became of it, and how many were used."""
+"""Who was tracked when: a line per satellite, coloured by its status, and how many were used."""
 
 from __future__ import annotations
 

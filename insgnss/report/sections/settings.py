@@ -1,4 +1,4 @@
-"""All that is needed to repeat the run: versions, hashes of the input, resolved settings."""
+"""Everything needed to repeat the run: versions, hashes of the input, resolved settings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def section(run: Run) -> Section:
     before += "<h3>Input</h3>" + table(("file", "SHA-256"), hashes)
     unread = run.events.loc[run.events["kind"] == "columns_not_read", "detail"]
     before += "".join(f"<p>{text(detail)}</p>" for detail in unread)
-    before += "<h3>What took how long</h3>" + table(("step", "time"), took) if took else ""
+    before += "<h3>Computing time</h3>" + table(("step", "time"), took) if took else ""
     for name, value in settings.items():
         if name not in _SHOWN_APART and value is not None:
             shown = json.dumps(value, indent=1, default=str)

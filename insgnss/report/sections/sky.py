@@ -33,7 +33,7 @@ def section(run: Run) -> Section | None:
     local = _chart(table, "", "chart-sky-local", "Local level, north up", scale, [])
     body = _chart(table, "body_", "chart-sky-body", "Body axes, forward up", scale, behind)
     about = (
-        f"<p>Colour tells {_told_by_colour(with_gain, bool(behind))}. In the local level the rim is the horizon; in"
+        f"<p>Colour shows {_told_by_colour(with_gain, bool(behind))}. In the local level the rim is the horizon; in"
         " body axes the middle is straight up and the circle marked 0° is the body's own horizon.</p>"
     )
     return Section("sky", "Sky", before=about, charts=(local, body))

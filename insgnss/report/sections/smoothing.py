@@ -1,4 +1,4 @@
-"""What the way back changed: the filter's own solution against the smoothed one."""
+"""The effect of smoothing: the filter's own solution against the smoothed one."""
 
 from __future__ import annotations
 

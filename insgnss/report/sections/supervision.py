@@ -1,4 +1,4 @@
-"""What the search supervisor told the receiver to do about each satellite, and the time in search that it saved."""
+"""The search supervisor's decision for each satellite, and the search time that it saved."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Final
 from insgnss.runs.columns.sheet import Sheet
 
 _IMU = """
-time_s: time of the sample; `[imu.time]` tells unit, origin and scale. `columns.date` names a column of dates
+time_s: time of the sample; `[imu.time]` states unit, origin and scale. `columns.date` names a column of dates
   beside one of times of day, `columns.week` one of GPS weeks
 gyro_x gyro_y gyro_z: angular rate or angle increment along the sensor's axes, in the unit declared by
   `gyro_unit`
@@ -15,7 +15,7 @@ accel_x accel_y accel_z: specific force or velocity increment along the sensor's
   by `accel_unit`; at rest it points up
 """
 _GNSS = """
-time_s: receiver time tag of the epoch; `[gnss.time]` tells unit, origin and scale; dates and weeks as in
+time_s: receiver time tag of the epoch; `[gnss.time]` states unit, origin and scale; dates and weeks as in
   `imu.csv`
 sv: satellite: constellation's letter and number, as G05. Bare numbers need the column that `columns.system`
   names (letters, names as GPS, or codes that `system_codes` explains), or `gnss.system`
@@ -34,7 +34,7 @@ sat_vx_mps sat_vy_mps sat_vz_mps: its velocity
 sat_clock_m sat_clock_drift_mps: its clock against system time, and its rate
 """
 _REFERENCE = """
-time_s: seconds; `[reference.time]` tells unit, origin and scale; dates and weeks as in `imu.csv`
+time_s: seconds; `[reference.time]` states unit, origin and scale; dates and weeks as in `imu.csv`
 lat_deg lon_deg h_m: position, WGS-84, height above the ellipsoid
 vn ve vd: velocity north, east, down, m/s; optional
 roll_deg pitch_deg yaw_deg: attitude; optional
@@ -47,7 +47,7 @@ sv: satellite
 event: lock, loss, search or detection
 """
 _SENSOR = """
-time_s: seconds; `time` of the entry tells unit, origin and scale; dates and weeks as in `imu.csv`
+time_s: seconds; `time` of the entry states unit, origin and scale; dates and weeks as in `imu.csv`
 speed: odometer: speed of the wheel, m/s unless `unit` says otherwise; with `metres_per_count` a count of pulses
 sd_speed: its one sigma, in the same unit; optional, as every sigma here
 pressure_hpa: barometer: static pressure, or with `unit` m or ft the pressure altitude

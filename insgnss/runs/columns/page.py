@@ -34,7 +34,7 @@ def columns_page() -> str:
     for title, sheets in groups:
         parts.append(f"## {title}\n")
         parts += [sheet_text(sheet) for sheet in sheets]
-    parts.append("## What became of a measurement\n\nThe column `status`, and `state` of `satellites`.\n")
+    parts.append("## Status of a measurement\n\nThe column `status`, and `state` of `satellites`.\n")
     parts.append(
         _rows(("status", "meaning"), [(f"`{word}`", meaning) for word, meaning in STATUS_MEANINGS.items()])
     )

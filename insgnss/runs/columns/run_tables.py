@@ -46,14 +46,14 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
   sd_gyro_g_sensitivity_*_deg_per_h_per_g: one sigma of these
 *_scale_percent: scale factor of an odometer, or of a barometer's heights; this and the next five of a [[sensor]],
   whose name comes first, each with its one sigma under sd_
-*_offset_m: height of a barometer's zero: what it reads more than the height above the ellipsoid
+*_offset_m: height of a barometer's zero: its reading minus the height above the ellipsoid
 *_iron_x_ut *_iron_y_ut *_iron_z_ut: magnetic field of the vehicle itself at a magnetometer, along forward, right, down
 *_strength_ut: horizontal intensity of the Earth's field beyond `horizontal_ut`
 *_declination_deg: declination beyond `declination_deg`
 *_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that persist for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
-  empty where no epoch of the log has used ranges enough to tell; absent where `process.range_bias_states` makes
+  empty if no epoch of the log has used enough ranges; absent where `process.range_bias_states` makes
   states of them, as sd_n_m sd_e_m sd_d_m then include them
 hpl_m vpl_m: protection levels, horizontal and vertical: the probability that the error is larger and there is no alert
   is the risk of `[integrity]`; infinite where a solution without a satellite does not exist, in rows before `sd_slow_*`
@@ -96,7 +96,7 @@ innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a
   unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
   a filter that is lost
 sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
-nis: squared ratio of the two: 1 in the mean where filter and noise agree
+nis: squared ratio of the two: 1 on average where filter and noise agree
 status: used, or why not: see the list at the end
 """
 _SATELLITES = """
@@ -113,7 +113,7 @@ sd_range_m sd_range_rate_mps: how well range and range rate were predicted befor
 """
 EVENTS: Final = Sheet(
     "events",
-    "thing worth telling: a gap, a reset, a clock jump, the heading known",
+    "event: a gap, a reset, a clock jump, the heading known",
     """
 time_s: seconds of the GPS week; empty for what concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
@@ -140,7 +140,7 @@ sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigm
 sd_reference_vn_mps sd_reference_ve_mps sd_reference_vd_mps: its sigma of velocity
 sd_reference_roll_deg sd_reference_pitch_deg sd_reference_yaw_deg: its sigma of attitude
 """,
-    "Only where the flight file names a reference; what the reference has not is empty. A point solution has no"
+    "Only where the flight file names a reference; quantities that it lacks are empty. A point solution has no"
     " attitude and no sd_slow_*.",
 )
 _AIDING = """
@@ -259,7 +259,7 @@ RUN_SHEETS: Final = (
         "export",
         "output time",
         _EXPORT,
-        "Beside the columns of nav in the CSV, MAT and NetCDF files of `insgnss export`;"
+        "In addition to the columns of nav in the CSV, MAT and NetCDF files of `insgnss export`;"
         " `run.nav_with(utc=True, sea_level=True, heading=True)` has utc, heights and heading.",
     ),
     Sheet(
@@ -281,7 +281,7 @@ RUN_SHEETS: Final = (
         "imu_spectrum", "frequency", _SPECTRUM, "Empty where the log is too short or its steps are uneven."
     ),
     Sheet("aiding", "time and satellite above the horizon", _AIDING, "Only with `--aiding`."),
-    Sheet("aiding_budget", "satellite, whenever its sigmas are found anew", _BUDGET, "Only with `--aiding`."),
+    Sheet("aiding_budget", "satellite, whenever its sigmas are recomputed", _BUDGET, "Only with `--aiding`."),
     Sheet("supervision", "satellite above the horizon and epoch", _SUPERVISION, "Only with `--supervise`."),
     Sheet("transitions", "change of a channel's state", _TRANSITIONS, "Only with `--supervise`."),
     Sheet("search_times", "satellite", _SEARCH, "Only with `--supervise`."),

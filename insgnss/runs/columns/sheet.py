@@ -1,4 +1,4 @@
-"""A table's description: what a row stands for, and each column's unit and meaning."""
+"""A table's description: the meaning of a row, and each column's unit and meaning."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is said of one table."""
+    """The description of one table."""
 
     name: str
-    row: str  # what one row stands for
+    row: str  # the meaning of one row
     text: str  # a line for each meaning: the columns it holds for, a colon, the meaning; indented: goes on
     intro: str = ""
 

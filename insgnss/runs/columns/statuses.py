@@ -1,4 +1,4 @@
-"""What became of a measurement, in plain words: one line for each status of the ledger."""
+"""The meaning of each status of the ledger, one line each."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "masked_gain": "in the vehicle's attitude no antenna has enough gain towards it",
     "masked_obstruction": "in the vehicle's attitude the airframe hides it from the antenna",
     "no_clock": "its constellation's clock offset was not known yet: the row started it",
-    "inconsistent": "the epoch's rows do not agree with each other, and it is the one that stands out",
-    "drifting": "its range rates or pseudoranges creep away from all others: a slow error that no single gate sees",
-    "reflected": "much weaker than its elevation lets expect: not the direct signal",
+    "inconsistent": "the epoch's rows do not agree with each other, and this one is the outlier",
+    "drifting": "its range rates or pseudoranges drift away from all others: a slow error below every gate",
+    "reflected": "much weaker than expected at its elevation: not the direct signal",
     "no_ephemeris": "no broadcast message or precise orbit of the satellite, or none that holds the numbers of one",
     "stale_ephemeris": "the newest message is too old",
     "unhealthy": "the message says that the satellite is not to be used",
@@ -23,7 +23,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "constellation_not_used": "a setting",
     "bad_value": "not a number, or outside any physical range",
     "bad_sigma": "the log states a sigma that is zero, negative or beyond any use (1000 km, 100 km/s)",
-    "duplicate": "satellite and signal stand twice in the epoch; the first one counts",
+    "duplicate": "satellite and signal appear twice in the epoch; the first one counts",
     "switched_off": "a setting: this kind of measurement is not used",
     "not_started": "before the filter had a start, or at the epoch at which it was lost",
     "no_imu": "outside the time the inertial log covers",
@@ -31,7 +31,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "clock_jump": "refused with its whole epoch: the receiver's clock jumped and the step was not known yet",
     "used_for_start": "it went into the single-point solution that started or restarted the filter",
     "refused_at_start": "the single-point solution excluded it",
-    "combined": "its value stands in another row of the satellite: the ionosphere-free combination",
+    "combined": "its value is in another row of the satellite: the ionosphere-free combination",
     "no_second_signal": "the ionosphere-free combination needs a second signal, and this satellite has one",
     "no_solution": "the epoch has no point solution",
     "no_correction": "the base station has none for this signal, message and time",
@@ -42,11 +42,11 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "half_cycle": "the half-cycle ambiguity was resolved or lost between the two epochs",
     "message_changed": "the two epochs' satellite states are from different messages",
     "clock_stepped": "the receiver's clock stepped between the two epochs",
-    "no_range": "no pseudorange beside the carrier tells when the signal was sent",
-    "no_difference": "several antennas: no other one has the signal, or it is the one that the others count from",
+    "no_range": "no pseudorange with the carrier to give the time of transmission",
+    "no_difference": "several antennas: no other one has the signal, or it is the reference of the others",
     "cycles_open": "several antennas: the whole cycles of the difference are not known for certain",
     "stuck": "the receiver repeats a range rate to the last digit while the satellite's own motion has changed it",
     "contradicts": "the rows of its kind contradict the other measurements: none is used until they agree again",
     "cycles_wrong": "several antennas: the difference is off by whole cycles",
-    "no_channel": "GLONASS: neither messages, log nor flight file tell its frequency channel",
+    "no_channel": "GLONASS: neither messages, log nor flight file state its frequency channel",
 }

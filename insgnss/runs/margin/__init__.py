@@ -1,4 +1,4 @@
-"""The interference margin along a flown path: what emitters on the ground would have done to every phase loop.
+"""The interference margin along a flown path: the effect of emitters on the ground on every phase loop.
 
 ::
 

@@ -35,7 +35,7 @@ class Link(NamedTuple):
 def link(
     path: FlownPath, emitters: tuple[Emitter, ...], receiver: LoopReceiver, antennas: Installation
 ) -> Link:
-    """Return what each emitter lays on the antennas, in free space.
+    """Return each emitter's power at the antennas, in free space.
 
     Equation: P = EIRP + 20 log10(c / (4 pi f d)) + G - loss        [Friis 1946]; in sight where
               d < sqrt(2 R h_e) + sqrt(2 R h), R = 4/3 of the Earth's radius

@@ -43,7 +43,7 @@ class SignalLoop:
 
 @dataclass(frozen=True)
 class Disturbances:
-    """What does not depend on the satellite; densities one-sided, at 1575.42 MHz unless in metres."""
+    """The inputs that do not depend on the satellite; densities one-sided, at 1575.42 MHz unless in metres."""
 
     oscillator: float  # [rad^2/s^3]
     phase_walk: float  # [rad^2/s]
@@ -51,7 +51,7 @@ class Disturbances:
 
 
 def disturbances(run: Run, config: InterferenceConfig) -> Disturbances:
-    """Return the run's oscillator and inertial noise, or what the settings put in their place.
+    """Return the run's oscillator and inertial noise, or the settings' replacements.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def disturbances(run: Run, config: InterferenceConfig) -> Disturbances:
     if walk is None:
         if oscillator is None or oscillator.h_minus2_per_s == 0.0:
             raise ConfigError(
-                "the run knows of no drift of its oscillator",
+                "the run states no drift of its oscillator",
                 key="dynamics.oscillator_density",
                 advice="give its one-sided density in rad^2/s^3 at 1575.42 MHz, 77 for a common TCXO",
             )

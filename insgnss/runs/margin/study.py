@@ -8,7 +8,7 @@
 
 ``js_db`` is the power of all emitters over the satellite's, both at the antenna's output; ``js_limit`` the J/S of the
 same mixture at which the loop would lose lock; ``reserve`` the effective C/N0 above the loop's threshold. The filter
-itself is not run anew: the aiding's sigma are those of the run as it was, so a long spell without any lock is worse,
+itself is not run again: the aiding's sigmas are those of the saved run, so a long time without any lock is worse,
 and a loop that lost lock counts as in lock again as soon as it could keep it.
 Both loops are optimal for what they face at that time: of the best loops of second and third order the better one
 counts, ``order`` says which. The third order carries the acceleration as a state, which a second-order loop can only
@@ -49,7 +49,7 @@ LOOPS: Final = ("unaided", "aided")
 
 @dataclass(frozen=True, repr=False)
 class FlownMargin(ResultDisplay):
-    """What ``flown_margin`` gives. Tables are DataFrames."""
+    """The result of ``flown_margin``. Tables are DataFrames."""
 
     satellites: pd.DataFrame
     emitters: pd.DataFrame
@@ -96,7 +96,7 @@ def flown_margin(
     antennas: Installation | None = None,
     step_s: float = 1.0,
 ) -> FlownMargin:
-    """Return what emitters do to the phase loops of every satellite along a run's path.
+    """Return the effect of emitters on the phase loops of every satellite along a run's path.
 
     Equation: 1/q = N_0 / C + sum over emitters of (J/S) kappa; lock while 1/q is below that of the threshold, which is
     (18) of the second order or the Riccati equation of the third, the larger, with (19) or (20), for the drift and the
@@ -104,7 +104,7 @@ def flown_margin(
 
     Parameters
     ----------
-    run : its tables nav and satellites; ``run.aiding``, where it has one, tells how far the aiding can be trusted,
+    run : its tables nav and satellites; ``run.aiding``, where it has one, gives the uncertainty of the aiding,
         else the sigmas of tilt and accelerometer biases bound it
     emitters : settings, or their file (TOML)
     antennas : ``insgnss.antenna.equipment.installation``; those of the run's flight file when None
@@ -120,7 +120,7 @@ def flown_margin(
         else load_toml(Path(emitters), InterferenceConfig)
     )
     if not step_s >= 0.0:
-        raise ConfigError(f"{step_s} is no step", key="step_s", advice="give seconds, 0 for every epoch")
+        raise ConfigError(f"invalid step {step_s}", key="step_s", advice="give seconds, 0 for every epoch")
     path, rows = flown_path(run, step_s, config.dynamics.window_s)
     events: list[tuple[float, str, str]] = []
     if antennas is None:

@@ -89,7 +89,7 @@ def sky_figure(study: VisibilityStudy) -> Figure:
 
 
 def timeline_figure(study: VisibilityStudy) -> Figure:
-    """Return a line per satellite, coloured by what was decided; grey while it stands under the elevation mask."""
+    """Return a line per satellite, coloured by the decision; grey while it is under the elevation mask."""
     table = study.satellites
     shown = table.loc[table["reason"] != "masked_elevation", "sv"]
     names = sorted(shown.astype("str").unique())[:MOST_LABELS]

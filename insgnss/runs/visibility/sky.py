@@ -1,4 +1,4 @@
-"""Where the satellites stand in the local level frame, at the times of an attitude history."""
+"""Directions of the satellites in the local level frame, at the times of an attitude history."""
 
 from __future__ import annotations
 

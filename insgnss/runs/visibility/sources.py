@@ -1,4 +1,4 @@
-"""What the command studies: a saved run or a reference trajectory, with a flight's satellites and antennas."""
+"""The input of the command: a saved run or a reference trajectory, with a flight's satellites and antennas."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def visibility_of(
     Parameters
     ----------
     source : the run's folder, or a trajectory in the form of the flight file's ``[reference]``
-    flight : tells the week, the satellites' messages and the antennas
+    flight : gives the week, the satellites' messages and the antennas
     filter : its ``[visibility]`` and elevation mask count
     pattern : gain pattern, by name or file, in place of those of the flight file's antennas
     step_s : least time between two attitudes
@@ -63,7 +63,7 @@ def visibility_of(
 
 
 def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: float) -> Sources:
-    """Return attitude, sky and antennas, and what is worth telling of the files."""
+    """Return attitude, sky and antennas, and the events of the files."""
     config = flight.config
     antennas, events = installation(
         _antennas(flight, pattern), flight.path.absolute().parent, config.gnss.lever_b
@@ -103,8 +103,8 @@ def _navigation(flight: Flight) -> tuple[NavigationData, list[Event]]:
         return read_navigation(gnss.navigation)
     logs = read_gnss_logs(gnss, flight.config.gps_week, flight.path)
     if logs.navigation is None:
-        advice = "name RINEX files under gnss.navigation, or study a saved run, which knows where they stood"
+        advice = "name RINEX files under gnss.navigation, or study a saved run, which has their positions"
         raise ConfigError(
-            "nothing tells where the satellites stood", file=flight.path, key="gnss.navigation", advice=advice
+            "no source of satellite positions", file=flight.path, key="gnss.navigation", advice=advice
         )
     return logs.navigation, logs.events

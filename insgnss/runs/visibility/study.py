@@ -1,4 +1,4 @@
-"""The study: decisions for every time and satellite, and what they cost in geometry.
+"""The study: decisions for every time and satellite, and their cost in geometry.
 
 | table      | one row per        | columns |
 |------------|--------------------|---------|
@@ -43,7 +43,7 @@ _FEWEST: Final = 4  # satellites of one clock that fix a position
 
 @dataclass(frozen=True, repr=False)
 class VisibilityStudy(ResultDisplay):
-    """What ``visibility`` gives. Tables are DataFrames."""
+    """The result of ``visibility``. Tables are DataFrames."""
 
     satellites: pd.DataFrame
     dop: pd.DataFrame
@@ -189,7 +189,7 @@ def dilutions(u_n: Float64, sv_names: Sequence[str], use: Bool) -> Float64:
     H = np.concatenate([-np.nan_to_num(u_n), np.broadcast_to(clock, (len(u_n), *clock.shape))], axis=2)
     N = np.einsum("nsi,ns,nsj->nij", H, use.astype(np.float64), H)
     clocks = 3 + np.arange(len(letters))
-    idle = N[:, clocks, clocks] == 0.0  # no satellite of that constellation: its clock is nobody's unknown
+    idle = N[:, clocks, clocks] == 0.0  # no satellite of that constellation: its clock is not an unknown
     N[:, clocks, clocks] += idle
     enough = use.sum(axis=1) >= _FEWEST - 1 + (~idle).sum(axis=1)
     values = np.full((len(u_n), len(DOPS)), np.nan)
@@ -216,7 +216,7 @@ def _waits(attitude: AttitudeHistory, settings: Visibility) -> Bool:
 def _uncertain(
     attitude: AttitudeHistory, above: Bool, is_uncertain: Bool, settings: Visibility
 ) -> list[Event]:
-    """Tell once how many decisions were uncertain, those not counted that wait for the heading."""
+    """Report once how many decisions were uncertain, without those that wait for the heading."""
     counted = is_uncertain & ~_waits(attitude, settings)[:, None]
     if not counted.any():
         return []
@@ -230,7 +230,7 @@ def _uncertain(
 
 
 def _waiting(attitude: AttitudeHistory, settings: Visibility) -> list[Event]:
-    """Tell where masking waits for the heading."""
+    """Report where masking waits for the heading."""
     waits = _waits(attitude, settings)
     return [
         Event(
@@ -243,7 +243,7 @@ def _waiting(attitude: AttitudeHistory, settings: Visibility) -> list[Event]:
 
 
 def _blind_spells(t_ns: Int64, above: Bool, seen: Bool) -> list[Event]:
-    """Tell where fewer than four satellites are seen though more stand above the horizon's mask."""
+    """Report where fewer than four satellites are seen though more are above the elevation mask."""
     few = (seen.sum(axis=1) < _FEWEST) & (above.sum(axis=1) >= _FEWEST)
     return [
         Event(begin, "few_satellites_seen", f"fewer than four for {(end - begin) / NS_PER_S:.1f} s")

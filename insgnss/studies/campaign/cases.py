@@ -164,7 +164,7 @@ def _of_way(flight: BankedFlight, result: CaseResult) -> Row:
 
 
 def _asked(case: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a case with what it leaves out; an unknown key is an error."""
+    """Return a case with defaults for omitted keys; an unknown key is an error."""
     unknown = sorted(set(case) - set(known))
     if unknown:
         advice = f"the keys are {', '.join(known)}"

@@ -29,7 +29,7 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
     with ExitStack() as stack:
         if scheduler is None:
             count = workers or os.cpu_count() or 1
-            # a worker that died shows in the results; one that is slow to end on a busy machine is no news; a second
+            # a worker that died shows in the results; one that is slow to end on a busy machine does not; a second
             # campaign at the same time must not want the same port for its pages
             quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
             cluster = stack.enter_context(dask.LocalCluster(n_workers=count, threads_per_worker=1, **quiet))

@@ -66,7 +66,7 @@ class Sums:
         return self.most
 
     def row(self) -> dict[str, float]:
-        """Return what is told of the column."""
+        """Return the summary of the column."""
         if not self.count:
             return {"n": 0}
         sd = math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else math.nan

@@ -70,7 +70,7 @@ def throughput(task_s: float, scheduler_s: float, workers: int) -> tuple[float, 
     scheduler_s : of the scheduler on a task
     """
     total = max(_LEAST_TASKS, _PLAYED_TASKS * workers)
-    queued = [AHEAD - 1] * workers  # tasks sent ahead, beside the one that runs
+    queued = [AHEAD - 1] * workers  # tasks sent ahead, besides the one that runs
     # as the workers started one after the other, the first tasks end spread over one task's time
     ends = [(task_s * (k + 1) / workers, k) for k in range(workers)]
     heapq.heapify(ends)

@@ -187,7 +187,7 @@ def run_campaign(
     retry_failed: bool = False,
     report: Report | None = None,
 ) -> CampaignDone:
-    """Run a campaign, or what is left of it.
+    """Run a campaign, or the remainder of it.
 
     A script that calls this with workers must do so under ``if __name__ == "__main__"``: its workers are
     processes that import it.
@@ -200,7 +200,7 @@ def run_campaign(
         None: one a core
     scheduler : address of a running cluster's, "tcp://host:8786"; then ``workers`` does not count
     retry_failed : also run the tasks again in which a run failed
-    report : is told of each finished task, how many are done, and how many there are
+    report : is called for each finished task with the numbers of tasks done and in total
 
     Raises
     ------

@@ -55,7 +55,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskReport:
-    """What a worker says of a task: all that travels back to the client."""
+    """A worker's report on a task: everything that returns to the client."""
 
     key: str
     n_runs: int
@@ -69,7 +69,7 @@ def case_function(name: str) -> CaseFunction:
 
     Raises
     ------
-    ConfigError : there is none
+    ConfigError : the case function does not exist
     """
     module_name, _, function_name = name.rpartition(":")
     module = importlib.import_module(SHIPPED) if not module_name else _module(module_name, name)
@@ -78,7 +78,7 @@ def case_function(name: str) -> CaseFunction:
     if not callable(function):
         shipped = getattr(importlib.import_module(SHIPPED), "CASES", {})
         advice = f"give one of {', '.join(sorted(shipped))}, or 'package.module:function'"
-        raise ConfigError(f"'{name}' is no case function", key="case", advice=advice)
+        raise ConfigError(f"unknown case function '{name}'", key="case", advice=advice)
     return function
 
 

@@ -26,7 +26,7 @@ def fitted(rows: pd.DataFrame) -> tuple[Float64, Float64]:
 
     Parameters
     ----------
-    rows : time_s clock innovation r u_n u_e u_d; ``clock`` tells rows that may differ by a clock's offset
+    rows : time_s clock innovation r u_n u_e u_d; ``clock`` groups rows that may differ by a clock's offset
     """
     n = len(rows)
     if n == 0:

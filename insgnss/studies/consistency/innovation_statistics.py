@@ -1,13 +1,13 @@
 """Statistics of the innovations in a run's ledger: NIS against chi-square, noise factors, whiteness.
 
-A gate cuts the innovations off at g sigmas, so those that were used are no chi-square sample: under the hypothesis
+A gate cuts the innovations off at g sigmas, so the used ones are not a chi-square sample: under the hypothesis
 that the filter is right, z^2 of a used row has the mean
 
     m(g) = 1 - 2 g phi(g) / (2 Phi(g) - 1)                       [variance of a standard normal truncated at +-g]
 
 which is 0.9733 at 3, 0.99999 at 5 sigmas. Bounds and noise factors here are about that mean, not about 1. Rows that
 another test refused (inconsistent, drifting, reflected) were cut off in no such simple way: they count as refused, and
-the robust scale, a median over used and refused rows alike, tells whether the refused ones change the picture.
+the robust scale, a median over used and refused rows, shows whether the refused ones change the picture.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
     """Return the used rows and those refused for their innovation, from a time on.
 
     ``share`` is D / S, the part of an innovation's variance that is the state's: by it the rows of an epoch share the
-    state's error. ``residual`` and ``leverage`` are those of ``epoch_residuals``. A ledger does not tell D of carrier
+    state's error. ``residual`` and ``leverage`` are those of ``epoch_residuals``. A ledger does not give D of carrier
     differences: their share is taken as zero and they have no residual.
     """
     m = run.measurements
@@ -133,7 +133,7 @@ class Nis(NamedTuple):
     mean_z: float  # innovation over sigma
     mean_z_bound: float
     robust_scale: float  # of z, 1 is right; of used and refused
-    factor: float  # on the assumed sigma of the noise, NaN where it cannot be told
+    factor: float  # on the assumed sigma of the noise, NaN where it is undetermined
 
 
 def nis_of(rows: pd.DataFrame, gate: float, confidence: float, of_kind: float | None = None) -> Nis | None:

@@ -11,7 +11,7 @@
 
 ``factor`` is what the assumed sigma of the noise should be multiplied by, from residuals in which the state's error has
 no part (``epoch_residuals``). A filter that widens its sigma for errors that last (correlation_time_s) does so in its
-weights alone: the ledger, and the factor, are beside the plain one. Rows that a mask kept out were not judged by their
+weights alone: the ledger, and the factor, refer to the plain sigma. Rows that a mask kept out were not judged by their
 innovation and do not count; ``innovation_statistics`` says how those behind a gate are treated.
 """  # noqa: E501 - the table is the documentation
 
@@ -72,7 +72,7 @@ class Consistency(ResultDisplay):
 
     @property
     def noise_factors(self) -> dict[str, float]:
-        """What the assumed sigma of each kind should be multiplied by; kinds that do not tell are left out."""
+        """The factor on the assumed sigma of each kind; kinds without a result are left out."""
         found = self.kinds.set_index("kind")["factor"]
         return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
 
@@ -119,9 +119,9 @@ def consistency_study(
     ResultError : the folder holds no run, or the run used no measurement
     """
     if not 0.0 < confidence < 1.0:
-        raise ConfigError(f"a confidence of {confidence} is none", key="confidence", advice="0.99 is usual")
+        raise ConfigError(f"invalid confidence {confidence}", key="confidence", advice="0.99 is usual")
     if lags < 1:
-        raise ConfigError(f"{lags} lags are none", key="lags", advice="give at least one")
+        raise ConfigError(f"invalid number of lags {lags}", key="lags", advice="give at least one")
     run = run if isinstance(run, Run) else Run.load(run)
     start_s = _start(run) if from_s is None else from_s
     judged = judged_rows(run, start_s)

@@ -40,8 +40,8 @@ def verdict(
     told = [_of_noise(row) for row in kinds.to_dict("records")]
     if adapts:
         told.append(
-            "the filter adapts its noise levels (adaptation.on): factors are beside the levels that it found, not"
-            " beside the settings; replay with it off to judge those"
+            "the filter adapts its noise levels (adaptation.on): factors are relative to the levels that it found, not"
+            " to the settings; replay with it off to judge those"
         )
     told += _of_satellites(kinds, satellites)
     told += _of_whiteness(whiteness, alarm)

@@ -107,7 +107,7 @@ def hidden_satellite_variance(
 
     Equation: P^- = Phi P Phi^T + Q between updates; then for each satellite that is not hidden, pseudoranges first,
     P <- (I - K h) P; D is taken between the two                 [Sokolov & Yurchenko 2015, (2), (9), (10), corrected]
-    Neglects: the user's motion. It stands on its place, whatever its attitude; specific force is standard gravity.
+    Neglects: the user's motion. It stays in its place, whatever its attitude; specific force is standard gravity.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def hidden_satellite_variance(
         Gauss-Markov processes with the grade's bias for sigma and its correlation time: instability and scale factor
         do not count
     outage : "switch": the scenario's satellites are off from ``from_s`` to ``until_s``, the user level and heading
-        north. "bank": the user stands on the scenario's heading and banks for that time, and the visibility stage
+        north. "bank": the user keeps the scenario's heading and banks for that time, and the visibility stage
         decides by antenna, attitude and the attitude's covariance what it hides
     sensors : "strapdown": they bank with the user, and tilts that were known as sums with biases come apart: D of the
         tactical grade grows by a quarter more. "levelled": they stay level as on a stabilised platform, only the

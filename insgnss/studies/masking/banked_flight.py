@@ -39,7 +39,7 @@ from insgnss.units import deg_to_rad
 SCENARIO_WEEK: Final = 2385
 START_NS: Final = int(week_seconds_to_ns(SCENARIO_WEEK, 0.0))
 _TURN_STEP_S: Final = 0.01  # of the integral of the turn rate; it changes over ``roll_s``
-_LOOK_S: Final = 0.01  # how finely the true moments of loss and return are told
+_LOOK_S: Final = 0.01  # resolution of the true moments of loss and return
 _REFERENCE_HZ: Final = 10.0
 _M_PER_RAD: Final = 6.37e6  # to shift a start by some metres
 

@@ -1,4 +1,4 @@
-"""The cases that a masking study compares, and what one flight gives in each: errors and what became of false rows."""
+"""The cases of a masking study, and one flight's result in each: errors and the status of false rows."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def fly(
 ) -> list[CaseResult]:
     """Return one draw of a flight in each case: the same errors, the same false locks, the same filter.
 
-    The supervisor is told by a filter over the log of a receiver that measures just what there is: no row while a
+    The supervisor uses a filter over the log of a receiver that measures only what it receives: no row while a
     satellite is hidden or its loops pull in.
     """
     drawn = flight.draw(rng)
@@ -106,7 +106,7 @@ def _gaps(flight: BankedFlight) -> list[Fault]:
 
 
 def _supervised(flight: BankedFlight, filter: FilterConfig, drawn: FlightDraw) -> SupervisedChannels:
-    """Return what the supervisor says of the flight."""
+    """Return the supervisor's decisions on the flight."""
     pull_in_s = flight.scenario.search.guards.pull_in_s
     gaps = [outage([s.sv], s.from_s, s.until_s + pull_in_s) for s in flight.spells]
     gnss = _log(drawn, gaps)

@@ -56,7 +56,7 @@ _ERRORS: Final = 9  # equally likely ones of the heading, each in the middle of 
 def decision_table(scenario: ScenarioConfig, heading_sigma_deg: float | None = None) -> pd.DataFrame:
     """Return the table; the heading's sigma is that of the scenario's start when None.
 
-    Each satellite is looked at for the first time, as after a turn during which nobody looked.
+    Each satellite is evaluated for the first time, as after a turn without decisions.
     """
     sigma = np.radians(scenario.start.sd_heading_deg if heading_sigma_deg is None else heading_sigma_deg)
     antennas, settings = installation_of(scenario), visibility_of(scenario)

@@ -1,4 +1,4 @@
-"""Pictures of the masking study: errors over time, what became of each row, how soon a satellite is tracked again."""
+"""Pictures of the masking study: errors over time, status of each row, time until a satellite is tracked again."""
 
 from __future__ import annotations
 

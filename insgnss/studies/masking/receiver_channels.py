@@ -167,13 +167,13 @@ def supervised_channels(
 ) -> list[ChannelSpell]:
     """Return what the channels do under supervision: no false locks, measurements while the supervisor says "track".
 
-    Search and detection are those of the whole flight, told with a satellite's first spell.
+    Search and detection are those of the whole flight, reported with a satellite's first interval.
 
     Parameters
     ----------
     t_s : (n,) times of the supervisor's states
     sv_names : of its m satellites
-    said : what it says
+    said : its decisions
     """
     found: list[ChannelSpell] = []
     for spell in spells:

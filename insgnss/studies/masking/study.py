@@ -75,7 +75,7 @@ class MaskingStudy(ResultDisplay):
         return pictures.error_figure(self.errors, self._outage_s(), self._words(), self._title())
 
     def rows_figure(self) -> Figure:
-        """Return the picture of what became of the hidden satellites' rows in the first flight, a panel a case."""
+        """Return the picture of the status of hidden satellites' rows in the first flight, a panel a case."""
         spells = self.reacquisition[self.reacquisition["run"] == 0]
         return pictures.rows_figure(self.rows, spells, self._words(), self._title())
 
@@ -146,7 +146,7 @@ def masking_study(
     """
     config = scenario_config(scenario)
     if runs < 1:
-        raise ConfigError(f"{runs} runs are no study", key="runs", advice="give at least one")
+        raise ConfigError(f"invalid number of runs {runs}", key="runs", advice="give at least one")
     chosen = filter_config(filter_of(config) if filter is None else filter, settings)
     chosen = chosen if fault_tests else without_fault_tests(chosen)
     names = imu or config.equipment.imu, oscillator or config.equipment.oscillator
@@ -263,7 +263,7 @@ def _rms(values: pd.Series[float]) -> float:
 
 
 def _lock_table(ledger: pd.DataFrame) -> pd.DataFrame:
-    """Return what became of the rows behind each kind of false lock, in each case; all cases where there were none."""
+    """Return the status of the rows behind each kind of false lock, in each case; all cases where there were none."""
     false = ledger[ledger["lock"] != ""]
     rows = []
     for (case, lock, kind), m in false.groupby(["case", "lock", "kind"]):

@@ -1,4 +1,4 @@
-"""The supervised receiver of a study: what the search supervisor, told by a filter, lets each channel do."""
+"""The supervised receiver of a study: the search supervisor's decisions for each channel, based on a filter."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def law_arcs(sky: SkyLaw, sv_names: tuple[str, ...], last_s: float) -> Satellite
     node = np.concatenate([state.r_e, state.v_e, (ahead - behind) / _DIFFERENCE_S, clock], axis=-1)
     node = np.swapaxes(node, 0, 1)
     pieces = hermite_pieces(np.stack([node[:, :-1], node[:, 1:]], axis=2))
-    # pieces stand on a grid of GPS time: the first one begins with the week, as the scenario does
+    # pieces lie on a grid of GPS time: the first one begins with the week, as the scenario does
     return SatelliteArcs(sv_names, Arcs(START_NS // PIECE_NS * PIECE_NS, pieces))
 
 
@@ -68,7 +68,7 @@ def supervised_channels_of(
     imu: ImuTable,
     gnss: GnssTable,
 ) -> SupervisedChannels:
-    """Return what the supervisor says, told by a filter that runs over a log.
+    """Return the supervisor's decisions, based on a filter that runs over a log.
 
     Whether a channel finds its signal where it looks is the truth: ``spells`` of the airframe.
 

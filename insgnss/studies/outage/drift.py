@@ -32,7 +32,7 @@ _BACK: Final = 1.1  # sigma over the undisturbed one's that counts as back
 def differences(nav: pd.DataFrame, undisturbed: pd.DataFrame, from_s: float) -> pd.DataFrame:
     """Return how far a solution is from the undisturbed one at the times that both have.
 
-    ``sd_*`` is what the two filters' sigmas let expect of the difference; ``sd_undisturbed_m`` that of the position.
+    ``sd_*`` is the expected difference by the two filters' sigmas; ``sd_undisturbed_m`` that of the position.
     """
     both = nav.merge(undisturbed, on="time_s", suffixes=("", "_u"))
     here = pymap3d.geodetic2ecef(both["lat_deg"], both["lon_deg"], both["h_m"])

@@ -60,7 +60,7 @@ class OutageLog:
 
     @classmethod
     def of(cls, flight: Flight, config: FilterConfig, rate_hz: float) -> OutageLog:
-        """Return a flight with its logs read and all that does not depend on a window computed."""
+        """Return a flight with its logs read and everything computed that does not depend on a window."""
         logs = flight.read()
         setup = setup_filter(flight, logs, config)
         ionosphere_l1, correction_m, _ = row_corrections(setup, logs, flight)
@@ -199,7 +199,7 @@ def _rows_without(
     if log.setup.aid is None:
         if KIND in removal.kinds:
             message, advice = (
-                "the flight has one antenna: there is no difference to take away",
+                "the flight has one antenna, so it has no antenna differences to remove",
                 "choose other kinds",
             )
             raise ConfigError(message, key="kinds", advice=advice)

@@ -146,7 +146,7 @@ def outage_study(
     after_s : looked at after each window
     rate_hz : of the solution that is compared
     threads : that work on windows at once; as many as there are cores when None
-    progress : is told in words what is being done
+    progress : is called with a description of the current step
 
     Raises
     ------
@@ -154,12 +154,12 @@ def outage_study(
     """
     tell = progress or (lambda _: None)
     if not after_s >= 0.0:
-        raise ConfigError(f"{after_s} s after a window are none", key="after_s", advice="give 0 or more")
+        raise ConfigError(f"{after_s} s after a window: invalid", key="after_s", advice="give 0 or more")
     flight = flight if isinstance(flight, Flight) else Flight.load(flight)
     began = time.perf_counter()
     tell("reading the logs")
     log = OutageLog.of(flight, filter_config(filter, settings), rate_hz)
-    removal.rows_of(log.logs.gnss)  # told before the work if there is no such satellite
+    removal.rows_of(log.logs.gnss)  # raises before the work if a satellite is unknown
     read = time.perf_counter()
     tell("running the filter undisturbed")
     placed = _placed(log, windows)

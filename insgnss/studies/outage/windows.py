@@ -35,7 +35,7 @@ class Removal:
     """Which measurements are taken away: all of them where nothing is named; what is named must hold together.
 
     Whole satellites are taken out of the log as if the receiver had not had them. Of kinds the log keeps its values and
-    the filter is told not to use them.
+    the filter is set not to use them.
     """
 
     satellites: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class Removal:
         unknown = sorted(set(self.kinds) - set(KINDS))
         if unknown:
             advice = f"give one of {', '.join(KINDS)}"
-            raise ConfigError(f"{unknown[0]!r} is no kind of measurement", key="kinds", advice=advice)
+            raise ConfigError(f"unknown kind of measurement {unknown[0]!r}", key="kinds", advice=advice)
 
     def rows_of(self, gnss: GnssTable) -> npt.NDArray[np.bool_]:
         """Return which rows of a log are of the named satellites.
@@ -96,7 +96,7 @@ def without(
 def further_without(
     further: Sequence[GnssTable], main: GnssTable, removal: Removal, from_ns: int, until_ns: int
 ) -> tuple[list[GnssTable], int]:
-    """Return what an outage of the ``main`` log leaves of further antennas', and how many rows it takes.
+    """Return further antennas' logs after an outage of the ``main`` log, and the number of rows removed.
 
     A row goes with its main epoch.
     """
@@ -113,7 +113,7 @@ def further_without(
 def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -> tuple[PhaseLog, int]:
     """Return the phases of several antennas with those of the chosen satellites not to be used within an outage.
 
-    Beside them how many of further antennas these are.
+    The second value counts those of further antennas.
     """
     phases, status = log.phases, log.phases.status.copy()
     epoch = np.repeat(phases.epoch_ns, np.diff(phases.first))
@@ -128,7 +128,7 @@ def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -
 def switch_off(
     rows: GnssRows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
 ) -> None:
-    """Tell the filter, in place, not to use some kinds of the ``chosen`` rows (n,) within an outage."""
+    """Mark, in place, some kinds of the ``chosen`` rows (n,) within an outage as not to be used."""
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
     off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
     for kind in kinds:
@@ -216,7 +216,7 @@ def checked(windows: Sequence[tuple[float, float]]) -> list[OutageWindow]:
     """
     for a, b in windows:
         if not (np.isfinite(a) and np.isfinite(b) and a < b):
-            raise ConfigError(f"{a:g} to {b:g} s is no window", key="windows", advice="from before until")
+            raise ConfigError(f"{a:g} to {b:g} s is not a window", key="windows", advice="from before until")
     return [OutageWindow(float(a), float(b)) for a, b in windows]
 
 

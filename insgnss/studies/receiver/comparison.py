@@ -17,7 +17,7 @@ error of motion and clock over the filter's covariance, by state: 1 is right; it
 filter is consistent, even if every run counted as one look.
 ``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
-channel, with the interval that 95 % of such shares span, and beside it that of the linear theory.
+channel, with the interval that 95 % of such shares span, and that of the linear theory.
 """  # noqa: E501 - the table is the documentation
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class ReceiverStudy(ResultDisplay):
     asked: dict[str, Any]
 
     def figure(self) -> Figure:
-        """Return the picture: errors and share lost over C/N0, a line a receiver, linear theory beside them."""
+        """Return the picture: errors and share lost over C/N0, a line a receiver, with linear theory."""
         return pictures.error_figure(self.summary, self.thresholds, self._title())
 
     def epoch_figure(self) -> Figure:
@@ -142,10 +142,10 @@ def receiver_study(
     seed : of all noise; the result does not depend on ``threads``
     options : integration, interval of the second stage, signal, sky, latency ..., see ``ReceiverOptions``
     emitters : flown past, as in ``flown_margin``: by name in ``models/emitters``, a file, or itself. C/N0 of each
-        channel is then what they leave of it, and the row's C/N0 the least of all; ``cn0`` does not count
+        channel is then the one they leave, and the row's C/N0 the least of all; ``cn0`` does not count
     antennas : of the vehicle, towards satellites and emitters; None: 0 dBic everywhere. C/N0 is then that of 0 dBic
         and follows their gain; ``options.masking`` leaves out what they do not see
-    report : is told how many of all cases are done
+    report : is called with the numbers of cases done and in total
 
     Raises
     ------
@@ -226,8 +226,8 @@ def _masked(scene: StudyScene, options: ReceiverOptions, antennas: Installation 
     if not options.masking:
         return scene
     if antennas is None or scene.setting.inertial is None:
-        advice = "give antennas, and an inertial system that tells the attitude"
-        raise ConfigError("nothing tells which satellites are hidden", key="masking", advice=advice)
+        advice = "give antennas, and an inertial system for the attitude"
+        raise ConfigError("hidden satellites cannot be determined", key="masking", advice=advice)
     masking = ReceiverMasking(antennas, limits_of(Visibility()))
     return replace(scene, setting=replace(scene.setting, masking=masking))
 
@@ -276,7 +276,7 @@ def _checked(
     aided = [name for name, variant in wanted.items() if variant.needs_ins]
     if aided and not with_ins:
         raise ConfigError(
-            f"'{aided[0]}' is aided by an inertial system, and there is none",
+            f"'{aided[0]}' needs an inertial system for aiding, and none is given",
             key="variants",
             advice='without INS there are "scalar" and "one_stage"',
         )

@@ -1,4 +1,4 @@
-"""Inertial samples of a receiver study that are missing or stand at the end of their range.
+"""Inertial samples of a receiver study that are missing or saturated.
 
 While samples are missing the newest one is held. What the vehicle may do meanwhile, and in the axes of a sensor that is
 saturated, enters the filter as noise: white, of the density of the motion of a receiver without INS, 2 sigma^2 tau, as
@@ -21,7 +21,7 @@ from insgnss.tables import Float64
 from insgnss.units import RAD_PER_DEG
 
 TURNING: Final = (0.5, 1.0)  # one sigma of an unknown rate on each axis [rad/s], and its correlation time [s]
-_FULL: Final = 0.999  # of the range: a reading that stands at its end
+_FULL: Final = 0.999  # of the range: a saturated reading
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def with_gaps(
     gaps_s: Sequence[tuple[float, float]],
     unknown: UnknownMotion,
 ) -> tuple[InertialAiding, Float64]:
-    """Return what is told with samples missing, and the densities of the motion that is not shown, (n, 2).
+    """Return the aiding with samples missing, and the densities of the motion in the gaps, (n, 2).
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def with_gaps(
 
 
 def _is_full(values: Float64, limit: float | None, unit: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return where any axis stands at the end of its range, (n,)."""
+    """Return where any axis is saturated, (n,)."""
     if limit is None:
         return np.zeros(len(values), np.bool_)
     return np.asarray((np.abs(values) >= _FULL * limit * unit).any(axis=1))

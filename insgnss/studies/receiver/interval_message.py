@@ -44,7 +44,7 @@ def add_observation(
 
 @kernel(inline=True)
 def solve_message(s: Float64) -> tuple[tuple[float, float], tuple[float, float, float]]:
-    """Return range and rate offset, and their covariance; variances of 0 where the interval does not tell both."""
+    """Return range and rate offset, and their covariance; variances of 0 if the interval does not observe both."""
     determinant = s[0] * s[2] - s[1] * s[1]
     if not determinant > 1e-12 * s[0] * s[2]:
         return (0.0, 0.0), (0.0, 0.0, 0.0)

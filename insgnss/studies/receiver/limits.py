@@ -87,5 +87,5 @@ def linear_threshold_dbhz(scene: StudyScene, variant: Variant) -> float:
             scene.trajectory, setting.grade, density, carrier, sky, setting.truth.step_s
         )
         return receiver.threshold(loop, settle_s=setting.settle * setting.truth.step_s).cn0_dbhz
-    except ConfigError:  # holds everywhere, or nowhere: there is no threshold to tell
+    except ConfigError:  # holds everywhere, or nowhere: there is no threshold
         return math.nan

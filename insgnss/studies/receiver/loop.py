@@ -1,15 +1,15 @@
 """The loop that joins a receiver's channels and the navigation filter, one integration after the other, compiled.
 
-All states stand in the middles of the integrations. From one to the next:
+All states are at the middles of the integrations. From one to the next:
 
-1. the filter is carried on by what the inertial system tells (``prediction``), and predicts every range and range rate;
+1. the filter is propagated by the inertial system (``prediction``), and predicts every range and range rate;
 2. a replica is set: by that prediction (one stage), or by the channel's own filter (two stages), which follows the
    predicted change of range and rate, the radial acceleration that the inertial system knows. Its integration begins
    before the samples of its middle have come: the newest one is led on, and the error that this has made is taken off
    the observation once it is known;
 3. correlators and discriminators see how far the replica is off (``vector_loop``);
 4. the filter takes these observations as rows (one stage), or the channels take them, and every ``interval``
-   integrations the filter takes what the channels say (two stages): their running estimates with the covariance of
+   integrations the filter takes the channels' results (two stages): their running estimates with the covariance of
    their own filters, or what the observations of the interval alone say (``interval_message``).
 
 The filter is the package's own: state, prediction, scalar update and closed loop are those of a replay.
@@ -68,7 +68,7 @@ class ReceiverDesign(NamedTuple):
     settle: int  # integrations whose offsets do not count
     # beyond which a channel is lost: range [m], rate [m/s], and for how long
     limits: tuple[float, float, int]
-    # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
+    # in which oscillators set replicas: range [m], rate [m/s]; 0: no steps
     steps: tuple[float, float]
 
 
@@ -82,7 +82,7 @@ class SignalArrivals(NamedTuple):
 
 
 class AidingInputs(NamedTuple):
-    """What the receiver is told over n integrations."""
+    """The receiver's aiding over n integrations."""
 
     satellites: Float64  # (n, m, 6)
     rate_b: Float64  # (n, 3)
@@ -171,7 +171,9 @@ def run_receiver(
         for c in range(noise.shape[1]):
             silent = told.level[k, c] == NO_SIGNAL
             if room.silent[c] == 1 and not silent and with_filter:
-                restart_channel(f, room, c)  # the signal is back: search stands where the filter expects it
+                restart_channel(
+                    f, room, c
+                )  # the signal is back: search has its centre where the filter expects it
             room.silent[c] = 1 if silent else 0
             estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
             led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
@@ -248,7 +250,7 @@ def take_observation(
     room: ChannelRoom,
     c: int,
 ) -> None:
-    """Hand what a channel has seen to the filter or to the channel's own; ``row`` (7,) is the table's."""
+    """Pass a channel's observations to the filter or to the channel's own; ``row`` (7,) is the table's."""
     seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
     if channels.with_code:
         z, of_both = (seen[SEEN_RANGE], seen[SEEN_CODE]), (variances[0], row[CODE_VARIANCE])
@@ -264,7 +266,7 @@ def take_observation(
 
 @kernel(inline=True)
 def in_steps(estimate: float, led: float, step: float) -> float:
-    """Return by how much a replica stands beside the estimate when it is set in steps."""
+    """Return the offset of a replica from the estimate when it is set in steps."""
     if step <= 0.0:
         return led
     return step * math.floor((estimate + led) / step + 0.5) - estimate
@@ -305,7 +307,7 @@ def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: 
 
 @kernel(inline=True)
 def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -> None:
-    """Correct a channel by what it has seen."""
+    """Correct a channel by its own observations."""
     n = room.x.shape[1]
     for i in range(n):
         room.v[0, i] = 0.0
@@ -319,7 +321,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
 
 @kernel(inline=True)
 def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
-    """Update the filter with what its channels say; the intervals' sums begin anew."""
+    """Update the filter with its channels' measurements; the intervals' sums restart."""
     for c in range(room.x.shape[0]):
         if receiver.kind == INTERVAL_MESSAGE:
             z, C = solve_message(room.message[c])

@@ -53,7 +53,7 @@ class Drive(NamedTuple):
 
     step_s: float
     noise: Float64  # (17,) variance that half a step adds to each state
-    keep: Float64  # (17,) what a step leaves of each state of first order
+    keep: Float64  # (17,) factor of a step on each state of first order
     r_e: Float64  # (3,) place [m]
     rows: Float64  # (m, 4) of the phases: position and clock [rad/m]
     columns: Int64  # (4,) where the entries of a row stand
@@ -175,7 +175,7 @@ class ManoeuvringReceiver:
         first = round(settle_s / self.drive.step_s) if math.isfinite(settle_s) else -1
         if not 0 <= first < len(self.force_e):
             raise ConfigError(
-                f"nothing is left of the motion after {settle_s:g} s",
+                f"no motion remains after {settle_s:g} s",
                 key="settle_s",
                 advice="give less, or a longer motion",
             )

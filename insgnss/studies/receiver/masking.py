@@ -36,7 +36,7 @@ AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
 
 
 class ReceiverMasking(NamedTuple):
-    """What a receiver knows of its antennas."""
+    """A receiver's model of its antennas."""
 
     antennas: Installation
     limits: VisibilityLimits
@@ -54,7 +54,7 @@ def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
 
 
 class AttitudeMask:
-    """The masking of one run: it remembers what it has decided."""
+    """The masking of one run: it remembers its decisions."""
 
     def __init__(self, masking: ReceiverMasking, count: int) -> None:
         self._masking = masking

@@ -1,4 +1,4 @@
-"""Runs of a receiver along one truth: errors drawn, blocks of integrations run, what is left of them."""
+"""Runs of a receiver along one truth: errors drawn, blocks of integrations run, their statistics."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class ReceiverRun:
     error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
     sd: Float64  # (k, 11) sigmas of the filter
     nees: Float64  # (k,) of these errors, by the number of those that have a sigma
-    cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
+    cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was given
     searches: tuple[SearchRow, ...]  # of channels whose signal was gone
     least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
     offset: Float64  # (k, 2) truth minus the replica of the channel that was lost first, or of the first one
@@ -179,7 +179,7 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
 
 
 class _ReceiverWorkspace(NamedTuple):
-    """A receiver and all that it works on."""
+    """A receiver and everything that it works on."""
 
     receiver: ReceiverDesign
     channels: ChannelConstants
@@ -213,7 +213,7 @@ def _run_blocks(
 ) -> Float64:
     """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m).
 
-    ``whole`` is what is told in all of them, but for the levels of the channels.
+    ``whole`` is the aiding in all of them, except for the levels of the channels.
     """
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
     # the C/N0 that the receiver takes for true
@@ -322,7 +322,7 @@ def _run_of(
     cn0_dbhz: Float64,
     searches: tuple[SearchRow, ...],
 ) -> ReceiverRun:
-    """Return what is left of a run; a receiver without a filter has the least squares of its channels."""
+    """Return the statistics of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(found.squares / found.counted[:, None])
     solved = _least_squares(setting, found)

@@ -63,14 +63,14 @@ class ReceiverOptions:
     told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
     # channels of satellites that the antennas do not see at the filter's attitude are not used
     masking: bool = False
-    estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
+    estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of knowing it
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M
     divergence_density: float = 0.0  # by which phase and code ranges wander apart [m^2/s]: the ionosphere
     # in which an oscillator sets the replica's range: the wavelength over its phases ...
     replica_step_m: float = 0.0
-    # ... and rate: the wavelength times its step of frequency; 0: as finely as told
+    # ... and rate: the wavelength times its step of frequency; 0: no steps
     replica_step_mps: float = 0.0
     unknown_mps2: float = 49.03  # acceleration of a receiver without INS: one sigma of each axis ...
     unknown_s: float = 1.0 / 0.3  # ... and its correlation time
@@ -180,7 +180,7 @@ def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
     interval = round(o.interval_s / o.step_s)
     if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
         raise ConfigError(
-            f"an interval of {o.interval_s:g} s is no whole number of integrations of {o.step_s:g} s",
+            f"an interval of {o.interval_s:g} s is not a whole number of integrations of {o.step_s:g} s",
             key="interval_s",
             advice=f"give a multiple, as {max(interval, 2) * o.step_s:g}",
         )
@@ -199,7 +199,7 @@ def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, 
 
     Raises
     ------
-    ConfigError, ModelError : there is none, or it has no list of manoeuvres
+    ConfigError, ModelError : it does not exist, or it has no list of manoeuvres
     """
     if isinstance(scenario, SimulationConfig):
         config = scenario

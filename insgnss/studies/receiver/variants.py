@@ -102,7 +102,7 @@ def variant_of(name: str | Variant) -> Variant:
 
     Raises
     ------
-    ConfigError : there is none of this name
+    ConfigError : the name is unknown
     """
     return (
         name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
@@ -126,7 +126,7 @@ STARTS: Final = {
     "coherent": InitialSigmas(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
     "noncoherent": InitialSigmas(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
 }
-# position and clock where the code is tracked beside the phase, and each phase less its code
+# position and clock where code and phase are tracked, and each phase less its code
 _FOUND_M: Final = 5.0
 
 
@@ -164,7 +164,7 @@ def without_ins(unknown: UnknownMotion) -> ImuGrade:
 
 
 def feeling_nothing(r_e: Float64, count: int) -> InertialAiding:
-    """Return what such an inertial system tells: the Earth's turn and the weight at ``r_e``, in ECEF axes."""
+    """Return such an inertial system's outputs: the Earth's rotation and the weight at ``r_e``, in ECEF axes."""
     gravity = np.empty(3)
     normal_gravity_ecef(np.ascontiguousarray(r_e), gravity)
     return InertialAiding(
@@ -305,9 +305,9 @@ def receiver_of(
     Parameters
     ----------
     drift_density : two-sided, of the clock's drift [m^2/s^3]
-    unknown : None: an inertial system tells the acceleration
+    unknown : None: an inertial system gives the acceleration
     """
-    # range, its rate, and the acceleration where nothing tells it
+    # range, its rate, and the acceleration if it is unknown
     states = 2 if unknown is None else 3
     A, Q = np.diag(np.ones(states - 1), 1), np.zeros((states, states))
     Q[1, 1] = variant.widening * drift_density

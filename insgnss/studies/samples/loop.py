@@ -1,6 +1,7 @@
 """A receiver on samples beside its tight filter: search, channels, observables, filter, aiding back into the loops.
 
-Everything is done in the order in which it would be known: an inertial sample, the aiding that the filter makes of it,
+Everything is done in the order in which it would be known: an inertial sample, the aiding that the filter computes
+from it,
 the epoch that ends there with what the replicas showed at that moment, then the integrations that begin before the next
 inertial sample, steered by that aiding. The receiver's clock tags samples and epochs; inertial samples are tagged by
 GPS time. Neglects: the clock's error between the two, 5 mHz of Doppler for 20 us and 5 g.

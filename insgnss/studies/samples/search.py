@@ -59,7 +59,7 @@ class SignalPrediction(NamedTuple):
 
 
 class SearchOutcome(NamedTuple):
-    """What became of one search."""
+    """The result of one search."""
 
     found: bool
     threshold: float
@@ -93,7 +93,7 @@ def start_outlook(
 ) -> Outlook:
     """Return the supervisor's outlook before the first epoch: from the given start alone.
 
-    Its covariance is what the start says of position, velocity and attitude, and the settings of the clock.
+    Its covariance comes from the start for position, velocity and attitude, and from the settings for the clock.
     """
     r_e, C_ne, C_nb = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     lat, lon = math.radians(start.lat_deg), math.radians(start.lon_deg)
@@ -234,7 +234,7 @@ def acquire_recording(
     count = math.ceil((looks * look_s + code_s) * rate)
     span = SearchSpan(0.0, doppler_hz, coherent_s=look_s, looks=looks)
     if not 0.0 < pfa < 1.0:
-        raise ConfigError(f"pfa {pfa:g} is no probability", key="pfa", advice="give 0 < pfa < 1, as 1e-3")
+        raise ConfigError(f"invalid probability pfa {pfa:g}", key="pfa", advice="give 0 < pfa < 1, as 1e-3")
     searches = search_for(file.read(first, count), [gps_ca(prn) for prn in GPS_ORBIT_PRNS], span, pfa, first)
     table = pd.DataFrame(
         {

@@ -121,7 +121,7 @@ def sample_receiver(
     settings : of sampling, acquisition and loops
     filter : a name in the library or a file; its carrier phases are not used
     recording : the samples, as ``record_samples`` wrote them for this flight, loss, settings and seed;
-        None: made anew
+        None: computed again
     seed : of clock, data, noise and given start
     threads : receivers that run at the same time; the numbers do not depend on it
     progress : called with a message when a run begins
@@ -181,7 +181,7 @@ def record_samples(
 def equipment_of(
     flight: SimulatedFlight, sky: SignalSky, settings: SampleReceiver, filter: str | Path, seed: int
 ) -> SampleEquipment:
-    """Return what the receivers have: filter, inertial log, and what is given at the start."""
+    """Return the receivers' inputs: filter, inertial log, and the given start."""
     scenario, cn0_dbhz = flight.scenario, float(np.nanmedian(sky.cn0_dbhz[0]))
     config = filter_config(filter)
     # the loops' noise is white from epoch to epoch, and stated with each row
