@@ -20,10 +20,7 @@ LATER: Final = (
     Mark("fault_imu_50ms", "worst *", TIME_OFFSET),
     Mark("fault_imu_50ms", "no false heading", TIME_OFFSET),
 )
-A1: Final = "headings found in noise"
-A2: Final = "the carrier's differences leave out the rates of the air's delays"
-A3: Final = "a step of a slow or jittering sensor counts as a gap"
-A6: Final = "a fault that nobody notices"
+A6: Final = "a fault that shows late, or not before the next turn"
 A7: Final = "sigmas leave out that the local level is taken at the estimated place"
 
 LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it needs their lag as a state"
@@ -34,7 +31,7 @@ STORM: Final = (
     "in the first epochs of louder noise the rows that pass the gates count with the level before it"
 )
 
-# what is mended now, finding by finding
+# faults and situations of which the reason is known
 NOW: Final = (
     Mark("over_the_pole", "worst velocity *", A7),
     Mark("fast_jet", "* velocity *", LAG),
