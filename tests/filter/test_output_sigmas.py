@@ -11,6 +11,7 @@ from insgnss.tables import Float64
 from tests.filter.scene import attitude, new_filter, parameters, place
 from tests.filter.test_measurement_jacobians import moved
 from tests.jacobian import finite_difference_jacobian
+from tests.statistics_bounds import mean_chi_square_bounds
 
 VALUES = [
     NAV_COLUMNS.index(name) for name in ("vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
@@ -75,6 +76,22 @@ def test_level_that_follows_the_wrong_place_is_known_as_such() -> None:
 
     # nothing of 5000 m / 6.3e6 m = 0.045 deg and 0.2 m/s is left
     assert np.all(row_of(bank, P)[SIGMAS] < [1e-5] * 6)
+
+
+def test_velocity_near_a_pole_is_as_good_as_the_meridian_is_known(rng: np.random.Generator) -> None:
+    """Places drawn a metre off, 200 m from the pole: north and east turn by 0.3 deg, 1 m/s of 250 m/s."""
+    bank = flying(89.9982)
+    P = np.zeros((OFFSETS + 1, OFFSETS + 1))
+    P[DR : DR + 3, DR : DR + 3] = np.eye(3)
+    truth = row_of(bank, P)
+    errors = []
+    for _ in range(300):
+        off = moved(bank, np.append(rng.normal(size=3), np.zeros(OFFSETS - 2)))
+        errors.append(row_of(off, P)[VALUES[:2]] - truth[VALUES[:2]])
+    ratios = np.array(errors) / truth[SIGMAS[:2]]
+    low, high = mean_chi_square_bounds(1, 300)
+    assert np.all(low < np.mean(ratios**2, axis=0)) and np.all(np.mean(ratios**2, axis=0) < high)
+    assert np.all(truth[SIGMAS[:2]] > 0.5)
 
 
 def test_yaw_at_a_pole_is_not_known_and_stays_a_number() -> None:

@@ -21,7 +21,6 @@ LATER: Final = (
     Mark("fault_imu_50ms", "no false heading", TIME_OFFSET),
 )
 A6: Final = "a fault that shows late, or not before the next turn"
-A7: Final = "sigmas leave out that the local level is taken at the estimated place"
 
 LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it needs their lag as a state"
 UNSEEN: Final = (
@@ -33,7 +32,6 @@ STORM: Final = (
 
 # faults and situations of which the reason is known
 NOW: Final = (
-    Mark("over_the_pole", "worst velocity *", A7),
     Mark("fast_jet", "* velocity *", LAG),
     Mark("fault_accel_step", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_ramp_2sv_0.5mps", "no false heading", UNSEEN, in_tests=False),
