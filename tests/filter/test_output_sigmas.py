@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.filter.output.writing import COUNT_DTYPE, NAV_COLUMNS, NAV_DTYPE, write_nav
+from insgnss.filter.output.writing import COUNT_DTYPE, NAV_COLUMNS, NAV_DTYPE, mixture_covariance, write_nav
 from insgnss.filter.state import DR, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.tables import Float64
 from tests.filter.scene import attitude, new_filter, parameters, place
@@ -76,6 +76,24 @@ def test_level_that_follows_the_wrong_place_is_known_as_such() -> None:
 
     # nothing of 5000 m / 6.3e6 m = 0.045 deg and 0.2 m/s is left
     assert np.all(row_of(bank, P)[SIGMAS] < [1e-5] * 6)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 60.0, 150.0, 179.0, -120.0])
+def test_pitch_of_other_headings_is_in_the_sigma_of_the_pitch(turn_deg: float) -> None:
+    """The leader pitches by 20 deg too much, the others are level at another heading: the roll of all is zero."""
+    at = place(48.0, 11.0, 500.0)
+    bank = new_bank(2, 1)
+    for i, (pitch, yaw) in enumerate(((20.0, 30.0), (0.0, 30.0 + turn_deg))):
+        one = new_filter(at, C_eb=attitude(at, 0.0, pitch, yaw))
+        bank.state[i], bank.head[0] = one.state[0], one.head[0]
+        bank.state[i].log_weight = np.log(0.5)
+    bank.head[0].leader = 0
+    P = np.zeros((OFFSETS + 1, OFFSETS + 1))
+    mixture_covariance(bank, P)
+    roll, pitch, yaw = row_of(bank, P)[SIGMAS[3:]]
+    assert roll < 0.01  # the vertical is good to 2e-5 rad
+    assert pitch == pytest.approx(20.0 / np.sqrt(2.0), rel=1e-4)
+    assert yaw == pytest.approx(abs(turn_deg) / np.sqrt(2.0), abs=0.01)
 
 
 def test_velocity_near_a_pole_is_as_good_as_the_meridian_is_known(rng: np.random.Generator) -> None:

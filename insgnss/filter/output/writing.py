@@ -22,8 +22,9 @@ from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.geodesy.vectors import cross, dot, place, plus, times
 from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
@@ -339,22 +340,34 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
             d[BA + k] = m.b_a[k] - lead.b_a[k]
             d[BG + k] = m.b_g[k] - lead.b_g[k]
         d[CLOCK], d[DRIFT] = m.clock[0] - lead.clock[0], m.clock[1] - lead.clock[1]
-        attitude_difference(m.q_eb, lead.q_eb, d)
+        attitude_difference(m, lead, d)
         for a in range(n):
             for b in range(n):
                 P[a, b] += weight * (bank.P[i, a, b] + d[a] * d[b])
 
 
 @kernel(inline=True)
-def attitude_difference(q: Float64, q_lead: Float64, d: Float64) -> None:
-    """Write the rotation vector [rad] that turns the leader's attitude into ``q`` at PSI of ``d``."""
-    # q (x) conj(q_lead)
-    c = q[0] * q_lead[0] + q[1] * q_lead[1] + q[2] * q_lead[2] + q[3] * q_lead[3]
-    x = -q[0] * q_lead[1] + q[1] * q_lead[0] - q[2] * q_lead[3] + q[3] * q_lead[2]
-    y = -q[0] * q_lead[2] + q[1] * q_lead[3] + q[2] * q_lead[0] - q[3] * q_lead[1]
-    z = -q[0] * q_lead[3] - q[1] * q_lead[2] + q[2] * q_lead[1] + q[3] * q_lead[0]
+def attitude_difference(m: StateRecord, lead: StateRecord, d: Float64) -> None:
+    """Write the turn from the leader's attitude to that of ``m`` [rad] at PSI of ``d``: its tilt and its heading.
+
+    Equation: C_m = exp([y u x]) exp([t x]) C_lead, d = t + y u, u the vertical and t horizontal: the order in which
+    ``close_loop`` corrects. The rotation vector is not that sum: between opposite headings it has the tilt turned by
+    90 deg, so the pitch of one would be in the sigma of the roll.
+    """
+    q, p = m.q_eb, lead.q_eb  # q (x) conj(p)
+    c = q[0] * p[0] + q[1] * p[1] + q[2] * p[2] + q[3] * p[3]
+    v = (
+        -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2],
+        -q[0] * p[2] + q[1] * p[3] + q[2] * p[0] - q[3] * p[1],
+        -q[0] * p[3] - q[1] * p[2] + q[2] * p[1] + q[3] * p[0],
+    )
     if c < 0.0:
-        c, x, y, z = -c, -x, -y, -z
-    s = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(s, c) / s if s > 0.0 else 0.0
-    d[PSI], d[PSI + 1], d[PSI + 2] = scale * x, scale * y, scale * z
+        c, v = -c, times(v, -1.0)
+    up = up_direction(lead.r_e)
+    half = math.atan2(dot(v, up), c)
+    sine, cosine = math.sin(half), math.cos(half)
+    # conj(exp(y u / 2)) (x) (c, v)
+    rest = plus(plus(times(v, cosine), times(up, -sine * c)), times(cross(up, v), -sine))
+    s = math.sqrt(dot(rest, rest))
+    scale = 2.0 * math.atan2(s, cosine * c + sine * dot(v, up)) / s if s > 0.0 else 0.0
+    place(d, PSI, plus(times(rest, scale), times(up, 2.0 * half)))
