@@ -11,7 +11,7 @@ from typing import Final
 from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
-from insgnss.filter.output.tracing import copy_matrix, write_trace
+from insgnss.filter.output.tracing import write_trace
 from insgnss.filter.output.writing import (
     CLOCK_STEP,
     DRIFT_STEP,
@@ -30,7 +30,7 @@ from insgnss.filter.output.writing import (
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, carry_bank, predict_covariance
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_state
+from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_matrix, copy_state
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import UpdateOutcome, update_epoch
 from insgnss.filter.update.range_biases import place_range_biases

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.antenna.visibility import variance_along
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
 from insgnss.filter.parameters import Parameters
@@ -32,6 +33,7 @@ from insgnss.filter.state import (
     HeadRecord,
     StateRecord,
 )
+from insgnss.geodesy.vectors import dot, times
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
@@ -55,7 +57,7 @@ class Rates(Record):
 RATES_DTYPE: Final = dtype_of(Rates)
 SHOWN2: Final = 25.0  # squared sigmas of its noise beyond which a rate or a force is one
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
-_FARTHEST2: Final = 4e10  # 200 km of height, beyond which the expansion says nothing
+_FARTHEST2: Final = 4e10  # 200 km of height, beyond which the expansion is not valid
 _CURVED_M2: Final = 9e6  # 3 km, over which it leaves 3 mm/s: see ``add_gravity_curvature``
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 
@@ -139,12 +141,9 @@ def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
     sqrt(3) 3 g s^2 / R^2. It grows with h^2 as exp(2 t / T), T = sqrt(R / 2 g) = 570 s, and leaves a T / 2 in the
     velocity. White noise of density a^2 T leaves the same variance.
     """
-    r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
-    s2 = 0.0
-    for i in range(3):
-        for j in range(3):
-            s2 += m.r_e[i] * P[DR + i, DR + j] * m.r_e[j]
-    s2 /= r2
+    r2 = dot(m.r_e, m.r_e)
+    up = times(m.r_e, 1.0 / math.sqrt(r2))
+    s2 = variance_along(P[DR : DR + 3, DR : DR + 3], up[0], up[1], up[2])
     if not s2 < _FARTHEST2:
         s2 = _FARTHEST2
     density = (
@@ -154,7 +153,7 @@ def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
     )
     for i in range(3):
         for j in range(3):
-            P[DV + i, DV + j] += density * dt * m.r_e[i] * m.r_e[j] / r2
+            P[DV + i, DV + j] += density * dt * up[i] * up[j]
 
 
 @kernel(inline=True)

@@ -225,6 +225,14 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.motion_response[i] = source.motion_response[i]
 
 
+@kernel
+def copy_matrix(source: Float64, target: Float64) -> None:
+    """Copy an (n, n) matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
 def copy_bank(bank: Bank) -> Bank:
     """Return a copy that shares nothing with ``bank``."""
     return Bank(**{name: array.copy() for name, array in bank._asdict().items()})

@@ -17,7 +17,7 @@ from insgnss.tables import Float64
 
 # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
 _SMALLEST_COSINE = 1e-3
-# of the latitude, 6 m from a pole: an aircraft's row of 0.05 s, and less than what a position is good to
+# of the latitude, 6 m from a pole: an aircraft flies that far in a few hundredths of a second
 _POLAR_COSINE = 1e-6
 
 

@@ -9,7 +9,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Scratch, propagate_covariance
 from insgnss.filter.sensor_errors import biases_to_whole_errors
 from insgnss.filter.soundness import is_finite
-from insgnss.filter.state import Bank, HeadRecord
+from insgnss.filter.state import Bank, HeadRecord, copy_matrix
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -47,11 +47,3 @@ def write_trace(
     covariance_at_gps_time(bank.state[head.leader], par, P_out)
     biases_to_whole_errors(bank.state[head.leader], par, P_out)
     write_covariance(room, t_ns, P_out)
-
-
-@kernel
-def copy_matrix(source: Float64, target: Float64) -> None:
-    """Copy an (n, n) matrix."""
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[i, j] = source[i, j]

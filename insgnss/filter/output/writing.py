@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
+from insgnss.filter.headings.headings import turn_about
 from insgnss.filter.output.gps_time import covariance_at_gps_time, place_at_gps_time
 from insgnss.filter.output.nav_sigmas import (
     attitude_deviations,
@@ -23,8 +24,8 @@ from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
-from insgnss.geodesy.rotations import matrix_to_euler
-from insgnss.geodesy.vectors import cross, dot, place, plus, times
+from insgnss.geodesy.rotations import matrix_to_euler, turn_left
+from insgnss.geodesy.vectors import Vector, place, plus, times
 from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
@@ -354,20 +355,22 @@ def attitude_difference(m: StateRecord, lead: StateRecord, d: Float64) -> None:
     ``close_loop`` corrects. The rotation vector is not that sum: between opposite headings it has the tilt turned by
     90 deg, so the pitch of one would be in the sigma of the roll.
     """
-    q, p = m.q_eb, lead.q_eb  # q (x) conj(p)
+    turn, q = times(up_direction(lead.r_e), turn_about(lead, m)), np.empty(4)
+    for i in range(4):
+        q[i] = m.q_eb[i]
+    turn_left(q, -turn[0], -turn[1], -turn[2])
+    place(d, PSI, plus(turn, rotation_between(lead.q_eb, q)))
+
+
+@kernel(inline=True)
+def rotation_between(p: Float64, q: Float64) -> Vector:
+    """Return the rotation vector [rad] that turns the attitude ``p`` (4,) into ``q`` (4,)."""
+    # q (x) conj(p)
     c = q[0] * p[0] + q[1] * p[1] + q[2] * p[2] + q[3] * p[3]
-    v = (
-        -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2],
-        -q[0] * p[2] + q[1] * p[3] + q[2] * p[0] - q[3] * p[1],
-        -q[0] * p[3] - q[1] * p[2] + q[2] * p[1] + q[3] * p[0],
-    )
+    x = -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2]
+    y = -q[0] * p[2] + q[1] * p[3] + q[2] * p[0] - q[3] * p[1]
+    z = -q[0] * p[3] - q[1] * p[2] + q[2] * p[1] + q[3] * p[0]
     if c < 0.0:
-        c, v = -c, times(v, -1.0)
-    up = up_direction(lead.r_e)
-    half = math.atan2(dot(v, up), c)
-    sine, cosine = math.sin(half), math.cos(half)
-    # conj(exp(y u / 2)) (x) (c, v)
-    rest = plus(plus(times(v, cosine), times(up, -sine * c)), times(cross(up, v), -sine))
-    s = math.sqrt(dot(rest, rest))
-    scale = 2.0 * math.atan2(s, cosine * c + sine * dot(v, up)) / s if s > 0.0 else 0.0
-    place(d, PSI, plus(times(rest, scale), times(up, 2.0 * half)))
+        c, x, y, z = -c, -x, -y, -z
+    s = math.sqrt(x * x + y * y + z * z)
+    return times((x, y, z), 2.0 * math.atan2(s, c) / s if s > 0.0 else 0.0)

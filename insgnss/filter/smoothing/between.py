@@ -26,10 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.output.tracing import copy_matrix
 from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_state
+from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_matrix, copy_state
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64

@@ -11,7 +11,17 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, EpochWorkspace, Line, Lines
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, Bank, StateRecord
+from insgnss.filter.state import (
+    BIAS_FACTOR,
+    CLOCK,
+    DR,
+    DRIFT,
+    DRIFT_FACTOR,
+    N_CLONE,
+    Bank,
+    StateRecord,
+    copy_matrix,
+)
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
@@ -209,9 +219,7 @@ def use_epoch(
     """
     n = P.shape[0]
     correction = vectors[0]
-    for i in range(n):
-        for j in range(n):
-            prior[i, j] = P[i, j]
+    copy_matrix(P, prior)
     for i in range(response.shape[0]):
         vectors[3, i] = response[i]
     excluded = 0
@@ -233,9 +241,7 @@ def use_epoch(
         excluded = refuse_inconsistent(prior, lines, par.residual_gate2, most)
         if excluded == 0:
             break
-        for i in range(n):
-            for j in range(n):
-                P[i, j] = prior[i, j]
+        copy_matrix(prior, P)
         for i in range(response.shape[0]):
             response[i] = vectors[3, i]
     return log_likelihood, information, excluded

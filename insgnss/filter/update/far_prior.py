@@ -18,7 +18,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import Line
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import CLOCK, DR, DRIFT, N_CLONE, Bank, copy_state
+from insgnss.filter.state import CLOCK, DR, DRIFT, N_CLONE, Bank, copy_matrix, copy_state
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.observe import observe
@@ -58,10 +58,9 @@ def observe_nearer(
     first, last = rows.first[epoch], rows.first[epoch + 1]
     lines, n = s.lines[: last - first], P.shape[0]
     trial = work.scratch.A
+    copy_matrix(P, trial)
     for i in range(n):
         correction[i] = 0.0
-        for j in range(n):
-            trial[i, j] = P[i, j]
     trial[CLOCK, CLOCK] += _CLOCK_M2
     trial[DRIFT, DRIFT] += _DRIFT_M2PS2
     for kind in (PSEUDORANGE, RANGE_RATE):

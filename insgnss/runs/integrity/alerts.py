@@ -1,7 +1,7 @@
 """Which fault moves the solution how far, and the alerts, each of which names the satellite that is suspect.
 
 A fault of one satellite moves the full solution and all sub-filters that still use the satellite, so separations of
-healthy satellites exceed their limits as well, and not seldom by more: with fewer satellites the fault weighs more. The
+healthy satellites exceed their limits as well, sometimes by more: with fewer satellites the fault weighs more. The
 suspect of an alert is the fault, among those beyond their limits, that explains the measurements best:
 
     smallest sum_used(nu_k^2 / S_k - nu_0^2 / S_0 + ln(S_k / S_0)) + sum_left_out(2 - nu_0^2 / S_0) - 2 ln p_k
