@@ -26,6 +26,7 @@ from insgnss.filter.imu.samples import ImuBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.loop import write_between
 from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
 from insgnss.filter.output.writing import NAV_COLUMNS, mark_without_imu
 from insgnss.filter.own_rows.ledger import OwnResults
 from insgnss.filter.own_update import carry_through
@@ -218,8 +219,10 @@ class FilterEngine:
         write_between(self._live, newest, self._samples.view(), self._navigator.parameters[0], out, work)
         if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
             return NavState(newest, False, {})
-        values = {name: float(v) for name, v in zip(NAV_COLUMNS, out.nav["value"][0], strict=True)}
+        values = dict(zip(NAV_COLUMNS, map(float, total_values(out.nav[:1])[0]), strict=True))
         further = self._setup.layout.in_columns(out.optional[0])
+        if not self._setup.config.process.range_bias_states:
+            further |= {name: share[0] for name, share in slow_sigmas(out.nav[:1]).items()}
         return NavState(newest, True, values | {name: float(value) for name, value in further.items()})
 
     @property

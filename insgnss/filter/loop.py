@@ -11,6 +11,7 @@ from typing import Final
 from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
+from insgnss.filter.output.total_sigmas import write_slow
 from insgnss.filter.output.tracing import write_trace
 from insgnss.filter.output.writing import (
     CLOCK_STEP,
@@ -131,8 +132,10 @@ def write_row(
         mixture_covariance(bank, work.P_out)
     else:
         copy_matrix(source.P[i], work.P_out)
-    used = (n_used, n_hypotheses)
+    used, written = (n_used, n_hypotheses), out.counts[0].nav
     write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, par, used)
+    if out.counts[0].nav > written:
+        write_slow(out.nav, bank, written)
 
 
 @kernel(inline=True)
@@ -265,7 +268,7 @@ def update_bank(
     """
     n = bank.state.shape[0]
     lead = bank.head[0].leader
-    if par.n_range_biases > 0:
+    if par.n_slow > 0:
         place_range_biases(bank, par, rows, epoch, work.epoch.lines)
     for turn in range(n):
         i = turn if turn < lead else turn + 1

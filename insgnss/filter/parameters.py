@@ -10,13 +10,14 @@ import numpy.typing as npt
 
 from insgnss.config.filter import FilterConfig, HeadingConfig, Measurements, NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.filter.layout import Layout
-from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
+from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
+from insgnss.filter.state import CLOCK, DR, MAX_COUPLINGS, MAX_OPTIONAL, MAX_RANGE_BIASES, N_CLONE
 from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
+from insgnss.filter.states.wanted import NO_SLOW, SlowSizes
 from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.observation_rows import N_KINDS
@@ -75,7 +76,14 @@ class Parameters(Record):
     at_lever_arm: int
     at_imu_time: int
     at_range_biases: int
-    n_range_biases: int
+    n_slow: int  # satellites whose slow errors are followed at the same time, as states or not
+    slow_ionosphere: float  # slow errors that are not states, at the zenith [m] ...
+    slow_gradient: float  # ... over 1000 km
+    slow_troposphere: float
+    air_rate: float  # inverse correlation times [1/s]: of these ...
+    satellite_rate: float  # ... and of the satellites'
+    n_held: int  # states that the slow errors reach ...
+    held: Annotated[Int64, MAX_OPTIONAL]  # ... and where they stand
     ionosphere_wander: float  # of a second, at most [m^2/s]
     at_clone: int
     covariance_step: float  # [s]
@@ -137,6 +145,32 @@ def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
     return len(couplings), *table.T
 
 
+def _slow_sizes(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[int, float, float, float]:
+    """Return how many satellites' slow errors are followed, and the sizes of those of the sky that are not states."""
+    states = sum(block.size for block in layout.blocks if block.name == RANGE_BIASES)
+    if config.process.range_bias_states:
+        return states, 0.0, 0.0, 0.0
+    ionosphere = 0.0 if layout.at(IONOSPHERE) >= 0 else slow.ionosphere
+    gradient = slow.ionosphere * config.slow_errors.ionosphere_gradient_per_1000_km
+    troposphere = 0.0 if layout.at(ZENITH_DELAY) >= 0 else slow.troposphere
+    largest = max(ionosphere, gradient, troposphere, *slow.satellite.values(), 0.0)
+    return MAX_RANGE_BIASES if largest > 0.0 else 0, ionosphere, gradient, troposphere
+
+
+def _held(layout: Layout) -> tuple[int, npt.NDArray[np.int64]]:
+    """Return the states that ranges hold, and so their slow errors reach: position, clock, those of ranges alone."""
+    of_ranges = (SYSTEM_OFFSETS, CHANNEL_BIAS, ZENITH_DELAY, IONOSPHERE)
+    further = [
+        layout.at(block.name) + i
+        for block in layout.blocks
+        for i in range(block.size if block.name in of_ranges else 0)
+    ]
+    clone = range(layout.at_clone, layout.at_clone + N_CLONE) if layout.clone else ()
+    held, room = [*range(DR, DR + 3), CLOCK, *further, *clone], np.zeros(MAX_OPTIONAL, np.int64)
+    room[: len(held)] = held
+    return len(held), room
+
+
 def _visibility(config: FilterConfig, with_antennas: bool) -> int:
     if not (config.visibility.on and with_antennas):
         return 0
@@ -171,6 +205,7 @@ def resolve_parameters(
     klobuchar_known: bool,
     layout: Layout = Layout(),  # noqa: B008 - frozen
     with_antennas: bool = False,
+    slow: SlowSizes = NO_SLOW,
 ) -> npt.NDArray[Any]:
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
     sensor, whole = sensor_model(grade, layout.names), sensor_model(grade)
@@ -197,7 +232,10 @@ def resolve_parameters(
         layout.at(LEVER_ARM),
         layout.at(IMU_TIME),
         layout.at(RANGE_BIASES),
-        sum(block.size for block in layout.blocks if block.name == RANGE_BIASES),
+        *_slow_sizes(config, layout, slow),
+        1.0 / config.slow_errors.air_time_s,
+        1.0 / config.slow_errors.satellite_time_s,
+        *_held(layout),
         config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,
         layout.at_clone,
         config.process.covariance_step_s,

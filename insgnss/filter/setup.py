@@ -122,6 +122,7 @@ class FilterSetup:
             self.klobuchar is not None,
             self.layout,
             with_antennas=len(self.installation.lever_b) > 0,
+            slow=self.slow_sizes,
         )
 
     @property
@@ -168,7 +169,7 @@ class FilterSetup:
             ionosphere_l1=ionosphere_l1,
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
-            bias_sigma_m=self.slow_sizes.satellite if self.config.process.range_bias_states else None,
+            slow_sigma_m=self.slow_sizes.satellite,
         )
 
     @property

@@ -30,6 +30,9 @@ from insgnss.tables import Float64, Int8, Int64
 OFFSETS: Final = FURTHER
 MAX_OPTIONAL: Final = 128  # room for all of them
 MAX_RANGE_BIASES: Final = 64  # among them: satellites whose range errors are states
+# slow errors of the whole sky: ionosphere at the zenith, its gradients north and east, troposphere
+N_PATTERNS: Final = 4
+MAX_SLOW: Final = N_PATTERNS + MAX_RANGE_BIASES  # slow errors, each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
@@ -144,13 +147,22 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
-    biased: Annotated[Int64, MAX_RANGE_BIASES]  # each range bias' satellite, counted from one; 0: none
+    # each slow error's satellite, counted from one; 0: none
+    biased: Annotated[Int64, MAX_RANGE_BIASES]
     biased_ns: Annotated[Int64, MAX_RANGE_BIASES]  # when it was last in an epoch
+    n_slow: int  # rows of ``SlowErrors.S`` that are in use
 
 
 HEAD_DTYPE: Final = dtype_of(HeadRecord)
 
 StateArray: TypeAlias = npt.NDArray[Any]
+
+
+class SlowErrors(NamedTuple):
+    """What range errors that last do to the leader's state, see ``update.slow_errors``."""
+
+    S: Float64  # (MAX_SLOW, n) effect of one sigma of each
+    R: Float64  # (n, n) covariance of what earlier values of theirs have left
 
 
 class Bank(NamedTuple):
@@ -162,6 +174,7 @@ class Bank(NamedTuple):
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
     # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
     memory: Float64
+    slow: SlowErrors
 
 
 def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
@@ -172,7 +185,13 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["noise_factor"] = 1.0
     memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
-    return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
+    P, slow = np.zeros((n_hypotheses, n, n)), no_slow_errors(n)
+    return Bank(state, P, np.zeros(1, HEAD_DTYPE), seen, memory, slow)
+
+
+def no_slow_errors(n: int) -> SlowErrors:
+    """Return room for the effects of slow errors on ``n`` states, none of which they have reached."""
+    return SlowErrors(np.zeros((MAX_SLOW, n)), np.zeros((n, n)))
 
 
 @kernel(inline=True)
@@ -235,7 +254,12 @@ def copy_matrix(source: Float64, target: Float64) -> None:
 
 def copy_bank(bank: Bank) -> Bank:
     """Return a copy that shares nothing with ``bank``."""
-    return Bank(**{name: array.copy() for name, array in bank._asdict().items()})
+    arrays = {name: getattr(bank, name).copy() for name in Bank._fields if name != "slow"}
+    return Bank(**arrays, slow=_copied(bank.slow))
+
+
+def _copied(slow: SlowErrors) -> SlowErrors:
+    return SlowErrors(*(array.copy() for array in slow))
 
 
 def joined_banks(bank: Bank, other: Bank) -> Bank:
@@ -246,7 +270,7 @@ def joined_banks(bank: Bank, other: Bank) -> Bank:
     for name in ("state", "P", "seen", "memory"):
         joined: npt.NDArray[Any] = getattr(both, name)
         joined[:n], joined[n:] = getattr(bank, name), getattr(other, name)
-    return both
+    return both._replace(slow=_copied(bank.slow))
 
 
 def select_members(bank: Bank, keep: Int64) -> Bank:
@@ -257,4 +281,5 @@ def select_members(bank: Bank, keep: Int64) -> Bank:
     state["log_weight"] = weight - top - np.log(np.sum(np.exp(weight - top)))
     head = bank.head.copy()
     head["leader"] = int(np.argmax(weight))
-    return Bank(state, np.ascontiguousarray(bank.P[keep]), head, bank.seen[keep], bank.memory[keep])
+    P = np.ascontiguousarray(bank.P[keep])
+    return Bank(state, P, head, bank.seen[keep], bank.memory[keep], _copied(bank.slow))

@@ -75,7 +75,7 @@ class Observation(Record):
     ionosphere_m: Annotated[float, np.float32]  # delay on L1 at the antenna, NaN where the filter computes it
     ionosphere_rate: Annotated[float, np.float32]  # its growth [m/s], zero where the filter computes it
     variance_scale: Annotated[float, np.float32]  # of the pseudorange's variance
-    bias_sigma: Annotated[float, np.float32]  # of the satellite's range bias [m]; 0: it has no such state
+    bias_sigma: Annotated[float, np.float32]  # of the satellite's slow range error [m]; 0: it has none
     sv: Annotated[int, np.int16]  # index into the log's satellite names
     # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
     slot: Annotated[int, np.int16]
@@ -123,7 +123,7 @@ def prepare_rows(
     ionosphere_l1: Float64 | None = None,
     correction_m: Float64 | None = None,
     variance_scale: Mapping[str, float] | None = None,
-    bias_sigma_m: Mapping[str, float] | None = None,
+    slow_sigma_m: Mapping[str, float] | None = None,
 ) -> GnssRows:
     """Return the rows of a log with satellite states and the status each starts with.
 
@@ -144,7 +144,7 @@ def prepare_rows(
     ionosphere_l1 : (n, 2) delays on L1 [m] and their growth [m/s] where they are computed beforehand, NaN elsewhere
     correction_m : (n,) taken off the pseudoranges; a row with NaN is refused
     variance_scale : per constellation, of its pseudoranges' variance
-    bias_sigma_m : per constellation, of its satellites' lasting range errors; None if these are not states
+    slow_sigma_m : per constellation, of its satellites' slow range errors; None if there are none
     """
     if isinstance(navigation, EphemerisTable | NavigationData):
         navigation = broadcast_messages(navigation, max_age_s=max_age_s)
@@ -163,7 +163,7 @@ def prepare_rows(
     observation["ionosphere_m"] = math.nan if ionosphere_l1 is None else ionosphere_l1[:, 0]
     observation["ionosphere_rate"] = 0.0 if ionosphere_l1 is None else np.nan_to_num(ionosphere_l1[:, 1])
     observation["variance_scale"] = _by_constellation(gnss, variance_scale, 1.0)
-    observation["bias_sigma"] = _by_constellation(gnss, bias_sigma_m, 0.0)
+    observation["bias_sigma"] = _by_constellation(gnss, slow_sigma_m, 0.0)
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
     observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)

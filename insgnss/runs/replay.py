@@ -54,7 +54,6 @@ from insgnss.runs.result_tables import (
     with_own_rows,
 )
 from insgnss.runs.setup import installed, setup_filter
-from insgnss.runs.slow_sigmas import slow_columns, slow_variances
 from insgnss.runs.wanted_rows import (
     AtTimes,
     Point,
@@ -279,9 +278,6 @@ def _as_run(
 ) -> Run:
     week, (out, ledger, separation) = flight.config.gps_week, found
     nav = with_further(nav_table(out, week, setup), further)
-    if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
-        slow = slow_variances(ledger, record.keys, record.names, setup)
-        nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
     protection = None
     if separation is not None:
         t_ns = out.nav["t_ns"][: len(nav)]

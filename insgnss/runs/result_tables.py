@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.aiding.table import AidingTable
+from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
 from insgnss.filter.output.writing import NAV_COLUMNS, Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
@@ -75,8 +76,11 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
     """Return the navigation table, one row per output time."""
     rows = out.nav[: out.counts[0].nav]
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows["t_ns"], week)}
-    columns.update({name: rows["value"][:, i] for i, name in enumerate(NAV_COLUMNS)})
+    values = total_values(rows)
+    columns.update({name: values[:, i] for i, name in enumerate(NAV_COLUMNS)})
     columns |= setup.layout.in_columns(out.optional[: len(rows)])
+    if not setup.config.process.range_bias_states:  # as states they have no share of their own
+        columns |= slow_sigmas(rows)
     table = pd.DataFrame(columns)
     return table.astype({"n_used": np.int64, "n_hypotheses": np.int64})
 
@@ -85,7 +89,8 @@ def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
     """Return the filter's solution before smoothing: position, velocity and attitude with their sigmas."""
     rows = np.concatenate(parts)
     kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
-    columns = {NAV_COLUMNS[i]: rows["value"][:, i] for i in kept}
+    values = total_values(rows)
+    columns = {NAV_COLUMNS[i]: values[:, i] for i in kept}
     return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **columns})
 
 

@@ -21,7 +21,7 @@ from insgnss.filter.loop import ImuSamples, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.rows.lines import EpochWorkspace
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, new_bank
 from insgnss.filter.update.epoch_space import FilterWorkspace, new_epoch, new_workspace
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
@@ -230,7 +230,7 @@ def perfect_rows(
     """Return rows whose values are what ``truth`` (constant over the epochs, but for its clock) predicts."""
     log = rows_of(epoch_ns, sat, group=group)
     for epoch, t_ns in enumerate(epoch_ns):
-        moved = Bank(*(array.copy() for array in truth))
+        moved = copy_bank(truth)
         moved.state["clock"][0, 0] += (
             truth.state["clock"][0, 1] * (t_ns - int(truth.head["now_ns"][0])) * 1e-9
         )

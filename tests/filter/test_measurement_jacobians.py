@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import C_MPS
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank
 from insgnss.geodesy.rotations import matrix_to_quaternion, turn_left
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64
@@ -63,7 +63,7 @@ def make_case(
 
 def moved(bank: Bank, d: Float64) -> Bank:
     """Return the filter with its state changed by ``d`` (n,), C_eb <- exp([d_psi x]) C_eb."""
-    other = Bank(*(array.copy() for array in bank))
+    other = copy_bank(bank)
     m = other.state[0]
     m.r_e += d[DR : DR + 3]
     m.v_e += d[DV : DV + 3]

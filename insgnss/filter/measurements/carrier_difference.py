@@ -62,7 +62,7 @@ def carrier_difference(
     clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
     predicted = a.distance - before + clocks + (left + troposphere - row.phase_factor * a.ionosphere_grown)
     variance = m.noise_factor[CARRIER] * model_variance(-line.u_n[2], row.thermal, par.kind[CARRIER])
-    if par.n_range_biases > 0:
+    if par.at_range_biases >= 0:
         variance += wander(par, row.phase_factor * a.shell, air.wet_factor) * a.look_back
     return rows.carrier[i].value - predicted, variance
 

@@ -44,7 +44,7 @@ def pseudorange(
         h[count], columns[count] = row.channel, par.at_channel_bias
         predicted += row.channel * m.optional[par.at_channel_bias - OFFSETS]
         count += 1
-    if line.bias > 0:
+    if par.at_range_biases >= 0 and line.bias > 0:
         at = par.at_range_biases + line.bias - 1
         h[count], columns[count] = row.bias_sigma, at
         predicted += row.bias_sigma * m.optional[at - OFFSETS]

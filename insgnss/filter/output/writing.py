@@ -74,7 +74,9 @@ NAV_DTYPE: Final = np.dtype(
         np.record,
         [
             ("t_ns", np.int64),
-            ("value", np.float64, (N_NAV,)),  # NAV_COLUMNS
+            ("value", np.float64, (N_NAV,)),  # NAV_COLUMNS, sigmas without the slow errors
+            # (co)variances that the slow errors add, see ``slow_errors``: nn, ne, nd, ee, ed, dd, clock [m^2]
+            ("slow", np.float64, (7,)),
         ],
     )
 )

@@ -36,7 +36,7 @@ from insgnss.gnss.troposphere import Weather
 from insgnss.kernels.jit import kernel
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
-_AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
+AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
 
 
 @kernel(inline=True)
@@ -85,7 +85,7 @@ def row_delays(rows: GnssRows, par: Parameters, row: Observation, s: EpochWorksp
 @kernel(inline=True)
 def shell_mapping(sine: float) -> float:
     """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
-    return 1.0 / math.sqrt(1.0 - _AT_SHELL * _AT_SHELL * (1.0 - sine * sine))
+    return 1.0 / math.sqrt(1.0 - AT_SHELL * AT_SHELL * (1.0 - sine * sine))
 
 
 @kernel(inline=True)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy.typing as npt
 
+from insgnss.filter.state import N_CLONE
 from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
@@ -24,7 +25,7 @@ class Line(Record):
     columns: Annotated[Int64, N_KINDS, WIDTH]  # ... where they stand ...
     count: Annotated[Int64, N_KINDS]  # ... and how many they are
     group: int
-    bias: int  # number of the satellite's range bias, from one (``range_biases``); 0: it has none
+    bias: int  # number of the satellite's slow error, from one (``range_biases``); 0: it has none
     u_n: Annotated[Float64, 3]  # line of sight, north-east-down
     u_b: Annotated[Float64, 3]  # line of sight in body axes
     gain: float  # of the best antenna towards it [dBic], NaN where no antenna is described
@@ -76,6 +77,8 @@ Lines: TypeAlias = npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row of a
 
 FIT_ROWS: Final = 15  # of ``integrity``
 CLONE_ROWS: Final = 4  # first of the vectors that keep the clone's rows of P until the next epoch
+# first of those that keep the gains: a range's and a carrier's of each line
+GAIN_ROWS: Final = CLONE_ROWS + N_CLONE
 
 
 class EpochWorkspace(NamedTuple):
@@ -84,6 +87,7 @@ class EpochWorkspace(NamedTuple):
     lines: Lines  # room for the rows of the largest epoch
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
     air: npt.NDArray[Any]  # (2,) of AIR_DTYPE: now, and a little earlier
-    # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
+    # (4 + N_CLONE + 2 k, n or k): correction, two of scratch, one to sort; the old clone's rows of P; gains
     vectors: Float64
     fit: Float64  # (FIT_ROWS, 4) work space of ``integrity``
+    load: Float64  # (N_PATTERNS,) of ``slow_errors``

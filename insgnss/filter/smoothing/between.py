@@ -28,13 +28,21 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_matrix, copy_state
+from insgnss.filter.state import (
+    STATE_DTYPE,
+    Bank,
+    StateArray,
+    copy_matrix,
+    copy_state,
+    no_slow_errors,
+)
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PIECE_NS: Final = NS_PER_S
 _AT_ONCE: Final = 1000  # times, whose matrices are then some megabytes
+_NO_UPDATES: Final = (np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)), no_slow_errors(0))
 
 
 class NextEpoch(NamedTuple):
@@ -68,7 +76,7 @@ class InterpolatedStates(NamedTuple):
 
 def one_hypothesis(state: StateArray, P: Float64, head: StateArray) -> Bank:
     """Return a copy of a bank without the data that only updates need."""
-    return Bank(state.copy(), P.copy(), head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
+    return Bank(state.copy(), P.copy(), head.copy(), *_NO_UPDATES)
 
 
 def filtered(
@@ -167,7 +175,7 @@ def _with_unit_matrix(bank: Bank) -> Bank:
     P = np.zeros((1, 2 * q, 2 * q))
     P[0, :q, :q] = bank.P[0]
     P[0, :q, q:] = P[0, q:, :q] = np.eye(q)
-    return Bank(bank.state.copy(), P, bank.head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
+    return Bank(bank.state.copy(), P, bank.head.copy(), *_NO_UPDATES)
 
 
 def _after_a_piece(bank: Bank, onward: NextEpoch, parameters: npt.NDArray[Any]) -> Bank:

@@ -21,6 +21,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.output.nav_sigmas import level_turn
+from insgnss.filter.output.total_sigmas import slow_covariances
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import BG, DR, DV, PSI
@@ -98,7 +99,9 @@ class PointColumnValues:
         t_ns, value = nav["t_ns"][rows], nav["value"][rows]
         rates, variances = rates_at(imu, t_ns, par)
         rates -= value[:, _BIAS : _BIAS + 3]
-        self.values[rows] = further_values(self.wanted, value, P[:, :_N, :_N], rates, variances)
+        total = P[:, :_N, :_N].copy()
+        total[:, DR : DR + 3, DR : DR + 3] += slow_covariances(nav[rows], places_of(value[:, :3])[1])
+        self.values[rows] = further_values(self.wanted, value, total, rates, variances)
 
 
 def rates_at(imu: ImuSamples, t_ns: Int64, par: Any) -> tuple[Float64, Float64]:

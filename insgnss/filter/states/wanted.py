@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade
@@ -17,6 +17,9 @@ class SlowSizes(NamedTuple):
     satellite: Mapping[str, float]  # along the line of sight, by constellation: all of them are there
 
 
+NO_SLOW: Final = SlowSizes(0.0, 0.0, {})
+
+
 class StateInputs(NamedTuple):
     """The settings, and the content of the log."""
 
@@ -25,4 +28,4 @@ class StateInputs(NamedTuple):
     with_carrier: bool  # carrier differences are used
     grade: ImuGrade
     n_satellites: int = 0  # whose range errors can be states at the same time
-    slow: SlowSizes = SlowSizes(0.0, 0.0, {})  # of the range errors that last
+    slow: SlowSizes = NO_SLOW  # of the range errors that last

@@ -37,6 +37,7 @@ from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
+from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, GnssRows
 from insgnss.kernels.jit import kernel
@@ -124,6 +125,8 @@ def update_epoch(
         follow_explained(m, prior, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, par, correction, s.antenna[0])
+    if member == bank.head[0].leader and bank.head[0].n_slow > 0:
+        follow_slow_errors(bank, par, rows, epoch, since_last, s)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
@@ -325,6 +328,7 @@ def use_rows(
             r = line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], spread * r, vectors)
             if 0.0 < S < math.inf and math.isfinite(y):
+                keep_gain(vectors, j, kind)
                 total -= 0.5 * y * y / S
                 ratio = S / (spread * r)
                 if not (_SMALL < ratios * ratio < _LARGE and _SMALL < noise * r < _LARGE):

@@ -1,22 +1,28 @@
-"""Which range bias belongs to which satellite: a new one takes a free state, else that of the one longest unseen."""
+"""Which slow error belongs to which satellite: a new one takes a free place, else that of the one longest unseen."""
 
 from __future__ import annotations
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Lines
-from insgnss.filter.state import OFFSETS, Bank, HeadRecord
+from insgnss.filter.state import N_PATTERNS, OFFSETS, Bank, HeadRecord, SlowErrors
+from insgnss.filter.update.slow_errors import leave_effect
 from insgnss.gnss.observation_rows import N_BANDS, GnssRows
 from insgnss.kernels.jit import kernel
+from insgnss.tables import Int64
 
 
 @kernel(apart=True)
 def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, lines: Lines) -> None:
-    """Write into the lines of an epoch which state is the range bias of each row's satellite.
+    """Write into the lines of an epoch which slow error is that of each row's satellite.
 
-    All hypotheses have the same, so it is decided once for the bank. First come the satellites that have a state; those
-    that are then without one take states of satellites that this epoch does not have, as far as there are any.
+    It is a state of the filter where the settings ask for that, else a row of ``SlowErrors.S``. All hypotheses have the
+    same, so it is decided once for the bank. First come the satellites that have a place; those that are then without
+    one take places of satellites that this epoch does not have, as far as there are any.
     """
+    states, n = par.at_range_biases >= 0, par.n_slow
     head, first, t_ns = bank.head[0], rows.first[epoch], rows.epoch_ns[epoch]
+    if not states:
+        head.n_slow = max(head.n_slow, N_PATTERNS)
     for new in range(2):
         for j in range(rows.first[epoch + 1] - first):
             row = rows.observation[first + j]
@@ -25,19 +31,24 @@ def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, 
             if lines[j].bias != 0 or row.bias_sigma <= 0.0:
                 continue
             name = row.slot // N_BANDS + 1
-            i = state_of(head, par.n_range_biases, name)
+            i = place_of(head, n, name)
             if i < 0 and new == 1:
-                i = longest_unseen(head, par.n_range_biases, t_ns)
+                i = longest_unseen(head, n, t_ns)
                 if i >= 0 and head.biased[i] != 0:
-                    forget_state(bank, par.at_range_biases + i)
+                    if states:
+                        forget_state(bank, par.at_range_biases + i)
+                    else:
+                        forget_effect(bank.slow, N_PATTERNS + i, par.held[: par.n_held])
             if i >= 0:
                 head.biased[i], head.biased_ns[i] = name, t_ns
                 lines[j].bias = i + 1
+                if not states:
+                    head.n_slow = max(head.n_slow, N_PATTERNS + i + 1)
 
 
 @kernel(inline=True)
-def state_of(head: HeadRecord, n: int, name: int) -> int:
-    """Return which of the ``n`` range biases is that of a satellite, -1 where it has none."""
+def place_of(head: HeadRecord, n: int, name: int) -> int:
+    """Return which of ``n`` places is that of a satellite, -1 where it has none."""
     for i in range(n):
         if head.biased[i] == name:
             return i
@@ -46,7 +57,7 @@ def state_of(head: HeadRecord, n: int, name: int) -> int:
 
 @kernel(inline=True)
 def longest_unseen(head: HeadRecord, n: int, t_ns: int) -> int:
-    """Return a free range bias, else that of the satellite unseen for longest; -1 if all are in the epoch ``t_ns``."""
+    """Return a free place, else that of the satellite unseen for longest; -1 if all are in the epoch ``t_ns``."""
     found = -1
     for i in range(n):
         if head.biased_ns[i] < t_ns and (found < 0 or head.biased_ns[i] < head.biased_ns[found]):
@@ -63,3 +74,11 @@ def forget_state(bank: Bank, at: int) -> None:
             bank.P[member, at, i] = 0.0
             bank.P[member, i, at] = 0.0
         bank.P[member, at, at] = 1.0
+
+
+@kernel(inline=True)
+def forget_effect(slow: SlowErrors, i: int, held: Int64) -> None:
+    """Let an error that is no state be another satellite's: what it has done to the state stays, on its own."""
+    leave_effect(slow, i, held, 1.0)
+    for a in held:
+        slow.S[i, a] = 0.0

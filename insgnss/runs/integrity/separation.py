@@ -9,9 +9,8 @@ probability p_k and the same part r of the risk for each of the faults and for t
 The risk of a row is that of the settings less the probability of the faults that no sub-filter covers (``faults``).
 Where nothing is left of it the level is infinite.
 
-Both sigmas include the errors that persist: as states of the filter, or else by ``sd_slow_*`` of the solution. No
-sub-filter has an ``sd_slow_*`` of its own: its noise sigma is multiplied by the ratio of the full solution's sigmas,
-sqrt(1 + (sd_slow / sd)^2), an approximation. Until ``sd_slow_*`` is known the level is infinite.
+Both sigmas include the range errors that last, each filter's own: as its states, or else by its gains
+(``update.slow_errors``).
 
 [Brenner 1996, Integrated GPS/inertial fault detection availability, Navigation 43(2); Blanch et al. 2015, Baseline
 advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An alert is |d_k| beyond K s_k. The difference
@@ -32,6 +31,7 @@ from scipy.special import ndtri
 
 from insgnss.config.integrity import Integrity
 from insgnss.errors import StartError
+from insgnss.filter.output.total_sigmas import total_values
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import LedgerPart, OutputRate, run_blocks
@@ -97,17 +97,13 @@ def separation_of(job: Job, nav: Table, ledger: list[LedgerPart], tell: Callable
 def protection_of(separation: Separation, nav: pd.DataFrame, t_ns: Int64, config: Integrity) -> Protection:
     """Return protection levels for navigation rows at ``t_ns``, and how far each fault moves the solution."""
     sigma = nav[[f"sd_{axis}_m" for axis in AXES]].to_numpy().T
-    slow = [f"sd_slow_{axis}_m" for axis in AXES]
-    lasting = nav[slow].to_numpy().T / sigma if slow[0] in nav else np.zeros(sigma.shape)
-    more = np.sqrt(1.0 + lasting**2)
-    of_faults = separation.sigma * more
     p = np.array([fault.probability for fault in separation.faults])
     risk = np.maximum(config.risk - separation.unmonitored, 0.0)
     levels = [
-        protection_level((sigma * more)[i], separation.d[:, i], of_faults[:, i], p, share * risk)
+        protection_level(sigma[i], separation.d[:, i], separation.sigma[:, i], p, share * risk)
         for i, share in enumerate(_SHARES)
     ]
-    limit = _quantile(config.false_alert / (len(AXES) * max(len(p), 1))) * of_faults
+    limit = _quantile(config.false_alert / (len(AXES) * max(len(p), 1))) * separation.sigma
     separations = Separations(
         *(separation.faults, separation.d, limit, t_ns, nav["time_s"].to_numpy()),
         *(separation.misfit, separation.epoch_ns),
@@ -178,5 +174,5 @@ def _sub_filter(
         )
     ]
     d[:, here] = pymap3d.ecef2nedv(*difference, full[:, 0], full[:, 1])
-    sigma[:, here] = sub[:, _SIGMA].T
+    sigma[:, here] = total_values(rows[there])[:, _SIGMA].T
     return d, sigma, epoch_misfit(job.blocks, own_ledger, ledger)

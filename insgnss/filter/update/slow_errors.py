@@ -1,0 +1,181 @@
+"""What range errors that last do to a filter that takes them for noise (consider analysis), compiled.
+
+Orbits and clocks of the messages, and what the models of ionosphere and troposphere leave, stay alike for an hour. No
+gain is made for them, so they pass into the state e = estimate - truth by the gains of the ranges that have them. Each
+is a Gauss-Markov process b of unit variance. With e = S b + c, c what earlier values of the errors have left, of
+covariance R, a step over the time t and a row h with the load a of the errors on its measurement make
+
+    R <- R + S (I - f^2) S^T,           S <- S f,                f = exp(-t / correlation time)
+    R <- (I - K h) R (I - K h)^T,       S <- S + K (a - h S),    P_total = P + S S^T + R
+
+which is exact for these very gains: whatever the geometry, however long an outage, and whichever satellites come and
+go. a is zero but for pseudoranges: rates and carrier differences have these errors only as far as they change.
+Neglects: what they do to velocity, attitude and sensors, which the rates hold. Only the leading heading is followed.
+Of a satellite that has not been seen for longest, R alone is left when another one needs its place.
+
+[Schmidt 1966, Application of state-space methods to navigation problems; Jazwinski 1970, 8.4. Mapping of a thin shell
+as in RTCA DO-229, A.4.4.10]
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import WGS84_A_M
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
+from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line
+from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_PATTERNS, Bank, SlowErrors
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
+from insgnss.kernels.jit import kernel
+from insgnss.status import USED
+from insgnss.tables import Float64, Int64
+
+_GRADIENT_PER_M: Final = 1e-6  # gradients are per 1000 km
+_LEAST_SINE: Final = 0.05  # of the troposphere's mapping, below 3 deg
+_LEAST_COSINE: Final = 1e-9  # of the elevation: straight up there is no azimuth, and no way to the shell
+
+
+@kernel(inline=True)
+def keep_gain(vectors: Float64, j: int, kind: int) -> None:
+    """Keep the gain of a row used just now, where there is room for it: a range's or a carrier difference's."""
+    at = gain_row(j, kind)
+    if kind != RANGE_RATE and at < vectors.shape[0]:
+        for c in range(vectors.shape[1]):
+            vectors[at, c] = vectors[1, c]
+
+
+@kernel(inline=True)
+def gain_row(j: int, kind: int) -> int:
+    """Return which of an epoch's vectors keeps the gain of line ``j``."""
+    return GAIN_ROWS + 2 * j + (1 if kind == CARRIER else 0)
+
+
+@kernel(apart=True)
+def follow_slow_errors(
+    bank: Bank, par: Parameters, rows: GnssRows, epoch: int, since_last: float, s: EpochWorkspace
+) -> None:
+    """Carry the slow errors of the leader's state to an epoch and over the rows that it has used, in their order."""
+    slow, n, held, first = bank.slow, bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
+    fade(slow, n, held, par, since_last)
+    for kind in (PSEUDORANGE, CARRIER):
+        for j in range(rows.first[epoch + 1] - first):
+            line, row = s.lines[j], rows.observation[first + j]
+            if line.status[kind] != USED:
+                continue
+            if kind == PSEUDORANGE:
+                place_loads(par, row, line, s.load)
+            h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
+            gain = s.vectors[gain_row(j, kind)]
+            for i in range(n):
+                load = 0.0
+                if kind == PSEUDORANGE:
+                    if i < N_PATTERNS:
+                        load = s.load[i]
+                    elif line.bias == i - N_PATTERNS + 1:
+                        load = row.bias_sigma
+                correct_effect(slow.S[i], h, columns, held, gain, load)
+            correct_remainder(slow.R, h, columns, held, gain, s.vectors[2])
+    if par.at_clone >= 0:
+        clone_effects(slow, n, held, par.at_clone)
+
+
+@kernel(inline=True)
+def fade(slow: SlowErrors, n: int, held: Int64, par: Parameters, dt: float) -> None:
+    """Let the errors forget themselves over ``dt`` [s]: what they have done to the state stays, on its own."""
+    of_sky, of_satellite = math.exp(-dt * par.air_rate), math.exp(-dt * par.satellite_rate)
+    for i in range(n):
+        f = of_sky if i < N_PATTERNS else of_satellite
+        leave_effect(slow, i, held, 1.0 - f * f)
+        for a in held:
+            slow.S[i, a] *= f
+
+
+@kernel(inline=True)
+def leave_effect(slow: SlowErrors, i: int, held: Int64, share: float) -> None:
+    """Add a share of the variance that one error's effect has to what earlier errors have left."""
+    for a in held:
+        left = share * slow.S[i, a]
+        for b in held:
+            slow.R[a, b] += left * slow.S[i, b]
+
+
+@kernel(inline=True)
+def correct_effect(e: Float64, h: Float64, columns: Int64, held: Int64, gain: Float64, load: float) -> None:
+    """Correct the effect ``e`` (n,) of one error by a row of the gain K: e <- e + K (load - h e)."""
+    left = load
+    for a in range(columns.shape[0]):
+        left -= h[a] * e[columns[a]]
+    for c in held:
+        e[c] += gain[c] * left
+
+
+@kernel(inline=True)
+def correct_remainder(R: Float64, h: Float64, columns: Int64, held: Int64, gain: Float64, d: Float64) -> None:
+    """Correct what earlier errors have left by a row: R <- (I - K h) R (I - K h)^T; ``d`` (n,) is scratch."""
+    for c in held:
+        d[c] = 0.0
+        for a in range(columns.shape[0]):
+            d[c] += h[a] * R[columns[a], c]
+    total = 0.0
+    for a in range(columns.shape[0]):
+        for c in held:
+            if c == columns[a]:
+                total += h[a] * d[c]
+    for b in held:
+        for c in held:
+            R[b, c] += gain[b] * (total * gain[c] - d[c]) - d[b] * gain[c]
+
+
+@kernel(inline=True)
+def clone_effects(slow: SlowErrors, n: int, held: Int64, at_clone: int) -> None:
+    """Make this epoch's position and clock those that the next epoch's carrier differences count from."""
+    for k in range(4):
+        of, to = (CLOCK if k == CLONE_CLOCK else DR + k), at_clone + k
+        for i in range(n):
+            slow.S[i, to] = slow.S[i, of]
+        for c in held:
+            slow.R[to, c] = slow.R[of, c]
+        for c in held:
+            slow.R[c, to] = slow.R[c, of]
+
+
+@kernel(inline=True)
+def place_loads(par: Parameters, row: Observation, line: Line, load: Float64) -> None:
+    """Write what one sigma of each error of the whole sky does to a pseudorange (N_PATTERNS,) [m]."""
+    north, east, sine = line.u_n[0], line.u_n[1], -line.u_n[2]
+    cosine = math.sqrt(north * north + east * east)
+    mapping = row.ionosphere_factor * shell_mapping(sine)
+    # from the receiver to where the line of sight pierces the shell, along the ground
+    elevation = math.atan2(sine, cosine)
+    away_m = WGS84_A_M * (0.5 * math.pi - elevation - math.asin(AT_SHELL * min(cosine, 1.0)))
+    slope = par.slow_gradient * mapping * away_m * _GRADIENT_PER_M / max(cosine, _LEAST_COSINE)
+    load[0] = par.slow_ionosphere * mapping
+    load[1], load[2] = slope * north, slope * east
+    load[3] = par.slow_troposphere / max(sine, _LEAST_SINE)
+
+
+def correct_by_own_row(slow: SlowErrors, h: Float64, columns: Int64, held: Int64, gain: Float64) -> None:
+    """Correct all effects by a row without such errors: S <- S - K h S and R as in ``correct_remainder``."""
+    K = np.zeros(len(slow.R))
+    K[held] = gain[held]
+    slow.S[:] -= np.outer(slow.S[:, columns] @ h, K)
+    Rh = slow.R[:, columns] @ h
+    slow.R[:] += np.outer(K, (Rh[columns] @ h) * K - Rh) - np.outer(Rh, K)
+
+
+@kernel(apart=True)
+def add_slow_errors(bank: Bank, P: Float64) -> None:
+    """Add S S^T + R to a covariance (n, n) of the leader's state."""
+    n = P.shape[0]
+    for a in range(n):
+        for b in range(n):
+            P[a, b] += bank.slow.R[a, b]
+    for i in range(bank.head[0].n_slow):
+        e = bank.slow.S[i]
+        for a in range(n):
+            for b in range(n):
+                P[a, b] += e[a] * e[b]
