@@ -9,6 +9,8 @@ from pydantic import Field
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.integrity import Integrity
 from insgnss.config.search import Search
+from insgnss.config.slow_errors import Constellation as Constellation
+from insgnss.config.slow_errors import SlowErrorSizes
 from insgnss.config.strict import StrictModel
 
 # Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
@@ -19,7 +21,6 @@ Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
 SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]
 Share = Annotated[float, Field(ge=1e-6, le=1e6)]  # of a variance
 
-Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
 SensorError = Literal[
     "gyro_scale_factor", "gyro_misalignment", "gyro_g_sensitivity", "accel_scale_factor", "accel_misalignment"
 ]
@@ -336,39 +337,6 @@ class Visibility(StrictModel):
     use_masked: bool = Field(False, description="measurements of hidden satellites are still used")
 
 
-class SlowErrors(StrictModel):
-    """One sigma of range errors that persist for minutes: in ``sd_slow_*``, or states (``range_bias_states``).
-
-    Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
-    Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.
-    """
-
-    satellite_m: dict[Constellation, NotNegative] = Field(
-        {"G": 0.5, "E": 0.3, "C": 0.7, "J": 0.7, "R": 2.0, "I": 1.5, "S": 3.0},
-        description="orbit and clock of the message, along the line of sight",
-    )
-    precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
-    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, the residual of the ionosphere model")
-    no_ionosphere_zenith_m: NotNegative = Field(
-        5.0, description="the same without a model, or without its coefficients"
-    )
-    ionosphere_gradient_per_1000_km: NotNegative = Field(
-        0.6, description="of the zenith's error, to the north and to the east"
-    )
-    troposphere_zenith_m: NotNegative = Field(0.05, description="the residual of the troposphere model")
-    with_base_share: NotNegative = Field(
-        0.1, description="of all of these, after corrections of a base station"
-    )
-    satellite_time_s: Positive = Field(
-        3600.0, description="correlation time of a satellite's error, where it is a state of the filter"
-    )
-    air_time_s: Positive = Field(3600.0, description="the same of the errors at the zenith")
-    ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
-        0.005,
-        description="the ionosphere's error at the zenith wanders at most so fast between epochs of carrier phases",
-    )
-
-
 class FilterConfig(StrictModel):
     """A whole filter file."""
 
@@ -393,7 +361,7 @@ class FilterConfig(StrictModel):
     start: StartConfig = StartConfig()
     heading: HeadingConfig = HeadingConfig()
     visibility: Visibility = Visibility()
-    slow_errors: SlowErrors = SlowErrors()
+    slow_errors: SlowErrorSizes = SlowErrorSizes()
     aiding: AidingConfig = AidingConfig()
     search: Search = Search()
     integrity: Integrity = Integrity()

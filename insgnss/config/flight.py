@@ -22,6 +22,7 @@ from insgnss.config.quantities import PositiveFloat as PositiveFloat
 from insgnss.config.quantities import Vector3 as Vector3
 from insgnss.config.quantities import Velocity as Velocity
 from insgnss.config.sensors import Sensor
+from insgnss.config.slow_errors import SlowErrorSizes
 from insgnss.config.strict import StrictModel
 from insgnss.config.vehicle_kind import VehicleRows
 
@@ -234,6 +235,10 @@ class Gnss(ObservationLog):
         None, description="ANTEX file: phase centres of the satellites, with precise orbits"
     )
     base: Base | None = None
+    slow_errors: SlowErrorSizes | None = Field(
+        None,
+        description="range errors that last in this log, where the filter keeps its default [slow_errors]",
+    )
     glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
         {}, description="frequency channels that neither log nor messages state: R07 = -3"
     )

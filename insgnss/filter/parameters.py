@@ -77,7 +77,7 @@ class Parameters(Record):
     at_imu_time: int
     at_range_biases: int
     n_slow: int  # satellites whose slow errors are followed at the same time, as states or not
-    slow_ionosphere: float  # slow errors that are not states, at the zenith [m] ...
+    slow_ionosphere: float  # slow errors beyond those of states, at the zenith [m] ...
     slow_gradient: float  # ... over 1000 km
     slow_troposphere: float
     air_rate: float  # inverse correlation times [1/s]: of these ...
@@ -146,13 +146,18 @@ def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
 
 
 def _slow_sizes(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[int, float, float, float]:
-    """Return how many satellites' slow errors are followed, and the sizes of those of the sky that are not states."""
+    """Return how many satellites' slow errors are followed, and the sky's sizes beyond what states have."""
+
+    def beyond(sigma: float, state: str) -> float:
+        held = sum(block.variance for block in layout.blocks if block.name == state)
+        return math.sqrt(max(sigma**2 - held, 0.0))
+
     states = sum(block.size for block in layout.blocks if block.name == RANGE_BIASES)
     if config.process.range_bias_states:
         return states, 0.0, 0.0, 0.0
-    ionosphere = 0.0 if layout.at(IONOSPHERE) >= 0 else slow.ionosphere
+    ionosphere = beyond(slow.ionosphere, IONOSPHERE)
     gradient = slow.ionosphere * config.slow_errors.ionosphere_gradient_per_1000_km
-    troposphere = 0.0 if layout.at(ZENITH_DELAY) >= 0 else slow.troposphere
+    troposphere = beyond(slow.troposphere, ZENITH_DELAY)
     largest = max(ionosphere, gradient, troposphere, *slow.satellite.values(), 0.0)
     return MAX_RANGE_BIASES if largest > 0.0 else 0, ionosphere, gradient, troposphere
 

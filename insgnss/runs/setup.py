@@ -11,6 +11,7 @@ from insgnss.antenna.equipment import installation, limits_of
 from insgnss.antenna.installation import Installation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
+from insgnss.config.slow_errors import SlowErrorSizes
 from insgnss.errors import ConfigError
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.setup import FilterSetup
@@ -97,6 +98,14 @@ def installed(flight: Flight) -> tuple[Installation, list[Event]]:
     return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
 
 
+def _with_slow_errors_of(flight: Flight, config: FilterConfig) -> FilterConfig:
+    """Return the settings with the flight file's sizes of slow errors, unless the filter's were changed."""
+    of_log = flight.config.gnss.slow_errors
+    if of_log is None or config.slow_errors != SlowErrorSizes():
+        return config
+    return config.model_copy(update={"slow_errors": of_log})
+
+
 def _refuse_uncertain_time(flight: Flight, config: FilterConfig) -> None:
     """Refuse the IMU's time as a state beside measurements that are taken at the IMU's own tags.
 
@@ -132,6 +141,7 @@ def _setup(
     with_carrier: bool,
 ) -> FilterSetup:
     _refuse_uncertain_time(flight, config)
+    config = _with_slow_errors_of(flight, config)
     gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
     given = None if start == "automatic" else start
     start_ns = None

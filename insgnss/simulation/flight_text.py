@@ -17,6 +17,7 @@ from insgnss.gnss.signals import wavelength_m
 from insgnss.simulation.log_files import sensor_file_name
 from insgnss.simulation.loop_noise import CarrierLoopNoise
 from insgnss.simulation.simulated_log import Scenario
+from insgnss.simulation.slow_error_sizes import reflections_m, slow_errors_of
 
 IMU_FILE = "imu.csv"
 GNSS_FILE = "gnss.csv"
@@ -24,7 +25,6 @@ NAVIGATION_FILE = "nav.rnx"
 REFERENCE_FILE = "reference.csv"
 FLIGHT_FILE = "flight.toml"
 _LEAST_PHASE_SIGMA_M = 1e-5  # a flight file has no phases without thermal noise
-_SKY_POINTS = 201
 
 
 def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
@@ -53,6 +53,9 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
         "",
         "[gnss.oscillator]",
         *grade_lines(scenario.oscillator),
+        "",
+        "[gnss.slow_errors]",
+        *(f"{key} = {_toml_of(value)}" for key, value in slow_errors_of(config.gnss).model_dump().items()),
     ]
     for antenna in config.gnss.antenna:
         lines += ["", "[[gnss.antenna]]", *_antenna_lines(antenna)]
@@ -64,6 +67,12 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
     for sensor in config.sensor:
         lines += ["", "[[sensor]]", *sensor_lines(sensor)]
     return "\n".join([*lines, "", "[reference]", f'file = "{REFERENCE_FILE}"', 'point = "imu"', ""])
+
+
+def _toml_of(value: float | dict[str, float]) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {size:.6g}" for key, size in value.items()) + " }"
+    return f"{value:.6g}"
 
 
 def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
@@ -87,9 +96,7 @@ def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
         "multipath_sigma_m": 0.0,
     }
     if echo is not None:
-        sine = np.linspace(np.sin(np.radians(gnss.horizon_mask_deg)), 1.0, _SKY_POINTS)
-        sigma = echo.floor_m + echo.horizon_m * np.exp(-np.degrees(np.arcsin(sine)) / echo.scale_deg)
-        values["multipath_sigma_m"] = echo.carrier_ratio * float(np.sqrt(np.mean(sigma**2)))
+        values["multipath_sigma_m"] = echo.carrier_ratio * reflections_m(gnss)
         values["multipath_time_s"] = echo.correlation_time_s
     return [f"{key} = {value:.6g}" for key, value in values.items()]
 

@@ -25,6 +25,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, ImuConfig, ImuGrade
 from insgnss.config.library import filter_config, find, imu_grade, oscillator
 from insgnss.config.simulation import SimulationConfig
+from insgnss.config.slow_errors import NO_SLOW_ERRORS
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_WEEK
 from insgnss.filter.navigator import Navigator
@@ -206,7 +207,12 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory
         name="simulated",
         gps_week=simulator.scenario.start_ns // NS_PER_WEEK,
         imu=ImuConfig(files=(Path("imu.csv"),), grade=setup.grade),
-        gnss=Gnss(files=(Path("gnss.csv"),), lever_arm_m=_LEVER_B, oscillator=setup.oscillator),
+        gnss=Gnss(
+            files=(Path("gnss.csv"),),
+            lever_arm_m=_LEVER_B,
+            oscillator=setup.oscillator,
+            slow_errors=NO_SLOW_ERRORS,
+        ),
     )
     reference = reference_table(simulator.imu_motion, simulator.scenario.start_ns)
     logs = FlightLogs(log.imu, log.gnss, simulator.scenario.navigation, reference, [], {})

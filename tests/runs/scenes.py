@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuConfig, ImuGrade, Oscillator
+from insgnss.config.slow_errors import NO_SLOW_ERRORS
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.result import Run
@@ -131,7 +132,12 @@ def flight(
         name="simulated",
         gps_week=WEEK,
         imu=ImuConfig(files=(Path("imu.csv"),), grade=grade),
-        gnss=Gnss(files=(Path("gnss.csv"),), lever_arm_m=LEVER_ARM_B, oscillator=scenario.oscillator),
+        gnss=Gnss(
+            files=(Path("gnss.csv"),),
+            lever_arm_m=LEVER_ARM_B,
+            oscillator=scenario.oscillator,
+            slow_errors=NO_SLOW_ERRORS,
+        ),
         start=start or "automatic",
     )
     logs = FlightLogs(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy.typing as npt
 
-from insgnss.filter.state import N_CLONE
+from insgnss.filter.state import N_CLONE, N_PATTERNS
 from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
@@ -26,6 +26,10 @@ class Line(Record):
     count: Annotated[Int64, N_KINDS]  # ... and how many they are
     group: int
     bias: int  # number of the satellite's slow error, from one (``range_biases``); 0: it has none
+    load: Annotated[
+        Float64, N_PATTERNS
+    ]  # effect of one sigma of the sky's slow errors on the pseudorange [m]
+    slow: float  # variance that all slow errors add to its innovation [m^2]
     u_n: Annotated[Float64, 3]  # line of sight, north-east-down
     u_b: Annotated[Float64, 3]  # line of sight in body axes
     gain: float  # of the best antenna towards it [dBic], NaN where no antenna is described
@@ -90,4 +94,3 @@ class EpochWorkspace(NamedTuple):
     # (4 + N_CLONE + 2 k, n or k): correction, two of scratch, one to sort; the old clone's rows of P; gains
     vectors: Float64
     fit: Float64  # (FIT_ROWS, 4) work space of ``integrity``
-    load: Float64  # (N_PATTERNS,) of ``slow_errors``

@@ -12,7 +12,7 @@ from insgnss.antenna.visibility import VisibilityLimits
 from insgnss.filter.layout import Layout
 from insgnss.filter.prediction import Scratch, new_scratch
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, FIT_ROWS, GAIN_ROWS, LINE_DTYPE, EpochWorkspace
-from insgnss.filter.state import ABSENT_STATE, N_PATTERNS, OFFSETS, Bank, new_bank
+from insgnss.filter.state import ABSENT_STATE, OFFSETS, Bank, new_bank
 from insgnss.filter.update.masking import NO_LIMITS, MaskingStage, new_masking
 from insgnss.filter.update.predictions import columns_of
 from insgnss.gnss.range_model import AIR_DTYPE
@@ -58,5 +58,4 @@ def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> EpochWorkspace:
         np.zeros(2, AIR_DTYPE),
         np.zeros((GAIN_ROWS + 2 * k, max(k, n))),
         np.zeros((FIT_ROWS, 4)),
-        np.zeros(N_PATTERNS),
     )

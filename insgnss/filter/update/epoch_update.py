@@ -37,7 +37,7 @@ from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
-from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain
+from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, GnssRows
 from insgnss.kernels.jit import kernel
@@ -96,6 +96,7 @@ def update_epoch(
         observe_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values, drift_variance = s.vectors[0], s.vectors[3], P[DRIFT, DRIFT]
+    place_slow_variances(bank, par, rows, epoch, lines)
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.median import median_of
-from insgnss.gnss.observation_rows import CARRIER
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE
 from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -95,15 +95,23 @@ def absorb_clock_step(
 def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Mark the rows whose normalised innovation squared is above ``gate2``; return what ``count_rows`` does.
 
-    The comparisons are written so that a NaN fails, and an innovation whose variance is not positive and finite.
+    The variance holds the slow errors that the state has not taken yet. The comparisons are written so that a NaN
+    fails, and an innovation whose variance is not positive and finite.
     """
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
-            variance = lines[j].predicted[kind] + lines[j].variance[kind]
+            variance = whole_variance(lines[j], kind)
             nis = lines[j].innovation[kind] ** 2 / variance
             if not (nis <= gate2 and 0.0 < variance < math.inf):
                 lines[j].status[kind] = GATED
     return count_rows(lines, kind, gate2)
+
+
+@kernel(inline=True)
+def whole_variance(line: Line, kind: int) -> float:
+    """Return the variance of an innovation, of a pseudorange with the slow errors."""
+    slow = line.slow if kind == PSEUDORANGE else 0.0
+    return float(line.predicted[kind] + line.variance[kind] + slow)
 
 
 @kernel(inline=True)
@@ -117,7 +125,7 @@ def count_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     strain = 0.0
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
-            variance = lines[j].predicted[kind] + lines[j].variance[kind]
+            variance = whole_variance(lines[j], kind)
             strain += min(lines[j].innovation[kind] ** 2 / variance, gate2)
             passed += 1
         elif lines[j].status[kind] == GATED:

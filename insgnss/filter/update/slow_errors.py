@@ -27,8 +27,9 @@ import numpy as np
 from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
-from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line
+from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
 from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_PATTERNS, Bank, SlowErrors
+from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
@@ -66,21 +67,44 @@ def follow_slow_errors(
             line, row = s.lines[j], rows.observation[first + j]
             if line.status[kind] != USED:
                 continue
-            if kind == PSEUDORANGE:
-                place_loads(par, row, line, s.load)
             h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
             gain = s.vectors[gain_row(j, kind)]
             for i in range(n):
-                load = 0.0
-                if kind == PSEUDORANGE:
-                    if i < N_PATTERNS:
-                        load = s.load[i]
-                    elif line.bias == i - N_PATTERNS + 1:
-                        load = row.bias_sigma
+                load = load_of(line, row, i) if kind == PSEUDORANGE else 0.0
                 correct_effect(slow.S[i], h, columns, held, gain, load)
             correct_remainder(slow.R, h, columns, held, gain, s.vectors[2])
     if par.at_clone >= 0:
         clone_effects(slow, n, held, par.at_clone)
+
+
+@kernel(apart=True)
+def place_slow_variances(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, lines: Lines) -> None:
+    """Write what the slow errors add to the variance of each pseudorange's innovation: |a - h S|^2 + h R h^T.
+
+    What the state has taken of an error already is not in the innovation any more.
+    """
+    first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
+    for j in range(rows.first[epoch + 1] - first):
+        line, row = lines[j], rows.observation[first + j]
+        line.slow = 0.0
+        if n == 0 or line.status[PSEUDORANGE] != USED:
+            continue
+        place_loads(par, row, line, line.load)
+        h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
+        line.slow = predicted_variance(bank.slow.R, h, columns)
+        for i in range(n):
+            left = load_of(line, row, i)
+            for a in range(columns.shape[0]):
+                left -= h[a] * S[i, columns[a]]
+            line.slow += left * left
+
+
+@kernel(inline=True)
+def load_of(line: Line, row: Observation, i: int) -> float:
+    """Return the effect of one sigma of a slow error on a pseudorange [m]."""
+    if i < N_PATTERNS:
+        return float(line.load[i])
+    return float(row.bias_sigma) if line.bias == i - N_PATTERNS + 1 else 0.0
 
 
 @kernel(inline=True)

@@ -12,6 +12,7 @@ import pandas as pd
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, ImuConfig
+from insgnss.config.slow_errors import NO_SLOW_ERRORS
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
@@ -136,6 +137,7 @@ def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) 
             lever_arm_m=(0.0, 0.0, 0.0),
             oscillator=flight.oscillator,
             antenna=antennas_of(flight.scenario),
+            slow_errors=NO_SLOW_ERRORS,
         ),
         start=drawn.start,
     )

@@ -16,6 +16,7 @@ import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuConfig, ImuGrade, MountedAntenna
 from insgnss.config.library import find
 from insgnss.config.simulation import SimulationConfig
+from insgnss.config.slow_errors import NO_SLOW_ERRORS, SlowErrorSizes
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_S
 from insgnss.log.flight import FlightInMemory, FlightLogs
@@ -26,6 +27,7 @@ from insgnss.simulation.log_files import write_imu
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sample_flight import sample_scenario
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
+from insgnss.simulation.slow_error_sizes import slow_errors_of
 from insgnss.tables import Event, Float64, ImuTable, ReferenceTable
 from tests.benchmarks.trust.rows import Case, Row
 
@@ -42,6 +44,7 @@ class Prepared:
     silent: Simulator  # the same with sensors without white noise: their systematic errors
     reference: ReferenceTable
     antennas: tuple[MountedAntenna, ...]
+    slow_errors: SlowErrorSizes  # that the simulation makes
 
 
 @dataclass(frozen=True)
@@ -75,24 +78,25 @@ class Flown:
 @lru_cache(maxsize=8)
 def prepared(text: str, grade: str, rate: tuple[float | None, ...]) -> Prepared:
     """Return a scenario with its truth, which rows of the same one share; ``rate`` is (IMU, GNSS, duration)."""
-    made, antennas = _scenario(text, grade, rate)
+    made, antennas, slow_errors = _scenario(text, grade, rate)
     simulator = Simulator(made)
     silent = copy.copy(simulator)
     quiet = {"gyro_arw_deg_per_sqrt_h": 0.0, "accel_vrw_mps_per_sqrt_h": 0.0}
     silent.scenario = replace(made, grade=made.grade.model_copy(update=quiet))
     t_s = np.arange(int(made.duration_s * _REFERENCE_RATE_HZ + 1e-9) + 1) / _REFERENCE_RATE_HZ
     reference = reference_table(made.trajectory.motion(t_s), made.start_ns)
-    return Prepared(simulator, silent, reference, antennas)
+    return Prepared(simulator, silent, reference, antennas, slow_errors)
 
 
 def _scenario(
     text: str, grade: str, rate: tuple[float | None, ...]
-) -> tuple[Scenario, tuple[MountedAntenna, ...]]:
-    """Return the scenario, and the antennas that its flight file would describe."""
+) -> tuple[Scenario, tuple[MountedAntenna, ...], SlowErrorSizes]:
+    """Return the scenario, and what its flight file would say of antennas and errors that last."""
     imu_hz, gnss_hz, duration_s = rate
     if text == SAMPLE_FLIGHT:
         whole = sample_scenario(duration_s or 1200.0)
-        return whole if imu_hz is None else replace(whole, imu_rate_hz=imu_hz), ()
+        whole = whole if imu_hz is None else replace(whole, imu_rate_hz=imu_hz)
+        return whole, (), NO_SLOW_ERRORS
     folder = Path()
     if "\n" in text:
         data = json.dumps(tomllib.loads(text))
@@ -105,7 +109,8 @@ def _scenario(
     config = config.model_copy(
         update={"imu": config.imu.model_copy(update=imu), "gnss": config.gnss.model_copy(update=gnss)}
     )
-    return assemble(config, folder, duration_s=duration_s), config.gnss.antenna
+    made = assemble(config, folder, duration_s=duration_s)
+    return made, config.gnss.antenna, slow_errors_of(config.gnss)
 
 
 def ready_and_drawn(row: Row, seed: int) -> tuple[Prepared, SimulatedLog]:
@@ -160,6 +165,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
             lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),
             oscillator=made.oscillator,
             antenna=ready.antennas,
+            slow_errors=ready.slow_errors,
         ),
         start=start or "automatic",
         vehicle=row.vehicle,

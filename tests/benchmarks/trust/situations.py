@@ -245,7 +245,7 @@ def _static_hour(carrier: bool) -> Row:
 
 
 def _lasting_hour(carrier: bool) -> Row:
-    """Messages and air are wrong for half an hour by what [slow_errors] says, and the filter has states for it."""
+    """Messages and air are wrong for half an hour by what the flight file says of it."""
     name = f"lasting_errors{'_carrier' * carrier}"
     gnss = (
         "rate_hz = 0.5\n"
@@ -254,25 +254,23 @@ def _lasting_hour(carrier: bool) -> Row:
     )
     return Row(
         name,
-        f"at rest for half an hour, errors of messages and air as states, {_word(carrier)}",
+        f"at rest for half an hour, errors of messages and air, {_word(carrier)}",
         scenario(name, straight(1800.0), rate_hz=25.0, carrier=carrier, gnss=gnss),
         (*nees("position", "velocity", "tilt"), *honest(), *UNHURT, NO_FALSE_HEADING),
         "industrial",
         looks={"end": 1798.0},
         start="given",
-        settings={"process.range_bias_states": True, "slow_errors.no_ionosphere_zenith_m": 1.5},
         times=2,
     )
 
 
-def _with_states(row: Row, sigma_m: float, title: str) -> Row:
-    """Return a row of lasting multipath whose filter has states for it."""
-    sizes = {"slow_errors.satellite_m": {"G": sigma_m}, "slow_errors.satellite_time_s": 60.0}
+def _with_states(row: Row) -> Row:
+    """Return a row of range errors that last whose filter has states for them."""
     return replace(
         row,
         name=f"{row.name}_states",
-        title=title,
-        settings={"process.range_bias_states": True, "slow_errors.no_ionosphere_zenith_m": 1.5, **sizes},
+        title=f"{row.title}, as states",
+        settings={"process.range_bias_states": True},
         in_tests=False,
     )
 
@@ -395,20 +393,8 @@ def situation_rows() -> tuple[Row, ...]:
         _car_outage("mems_consumer", 9.0),
         *(_static_hour(carrier) for carrier in both),
         *(_lasting_hour(carrier) for carrier in both),
-        *(
-            _with_states(
-                _city(grade, lasting=True), 3.0, "city drive, range biases of 3 m for 60 s as states"
-            )
-            for grade in ("mems_consumer", "industrial")
-        ),
-        _with_states(
-            _shipped("city_car", "", 30.0),
-            3.0,
-            "car with multipath of 15 s, biases of 3 m for 60 s as states",
-        ),
-        _with_states(
-            _shipped("ship_in_waves", "", math.inf), 1.0, "ship in waves, biases of 1 m for 60 s as states"
-        ),
+        _with_states(_lasting_hour(carrier=False)),
+        _with_states(_city("industrial", lasting=True)),
         _carrier_air(),
         *(_air_errors(carrier) for carrier in both),
         *(_hour_without_gnss(given) for given in both),
