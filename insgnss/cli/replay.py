@@ -216,9 +216,9 @@ def _accuracy_table(run: Run) -> Table:
             )
         return table
     summary = run.error_summary()
-    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "with slow errors"):
+    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "without slow errors"):
         table.add_column(name, justify="right")
-    columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_total"]
+    columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_noise"]
     for label, row in summary.iterrows():
         told = [f"{value:.3f}" for value in row[columns]]
         has_slow = f"sd_slow_{label}" in run.nav

@@ -32,7 +32,7 @@ from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.shown_motion import follow_motion, place_motion
-from insgnss.filter.update.slow_errors import follow_slow_errors, place_slow_variances
+from insgnss.filter.update.slow_errors import follow_slow_errors, place_effects_of_fix, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
@@ -82,6 +82,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         place_range_biases: (bank, par, rows, ANY_N, lines),
         follow_slow_errors: (bank, par, rows, ANY_N, ANY_X, s),
         place_slow_variances: (bank, par, rows, ANY_N, lines),
+        place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),
         is_prunable: (bank, ANY_N, ANY_X),
         note_sideslip: (bank.head[0], m, P, ANY_N),

@@ -151,6 +151,7 @@ class HeadRecord(Record):
     biased: Annotated[Int64, MAX_RANGE_BIASES]
     biased_ns: Annotated[Int64, MAX_RANGE_BIASES]  # when it was last in an epoch
     n_slow: int  # rows of ``SlowErrors.S`` that are in use
+    from_fix: int  # 1 until the slow errors of the fix that the state was opened from are known
 
 
 HEAD_DTYPE: Final = dtype_of(HeadRecord)

@@ -157,8 +157,8 @@ def _how_good(run: Run) -> list[str]:
 
 
 def _slow(table: pd.DataFrame) -> list[str]:
-    """Return the size of the slowly varying errors, nothing for a run without them."""
-    if "sd_slow_n_m" not in table or table["sd_slow_n_m"].isna().all():
+    """Return the share of the errors that last in the sigma, nothing for a run without them."""
+    if "sd_slow_n_m" not in table:
         return []
     horizontal = float(
         np.nanmedian(np.hypot(table["sd_slow_n_m"].to_numpy(), table["sd_slow_e_m"].to_numpy()))
@@ -166,9 +166,8 @@ def _slow(table: pd.DataFrame) -> list[str]:
     if not horizontal > 0.0:
         return []
     return [
-        "Slowly varying errors (orbits, clocks, residual atmosphere) may add about"
-        f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically"
-        " (1 sigma)."
+        "Of the sigma, errors that last for minutes (orbits, clocks, residual atmosphere) make up about"
+        f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically."
     ]
 
 

@@ -250,7 +250,7 @@ class Run(ResultDisplay):
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
-        ``rms_over_total`` is that against the sigma with the slow errors, sqrt(sd^2 + sd_slow^2).
+        ``rms_over_noise`` is that against the sigma without the slow errors, sqrt(sd^2 - sd_slow^2).
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class Run(ResultDisplay):
                 "max": size.max(),
                 "mean_sigma": sigma.mean(),
                 "rms_over_sigma": float(np.sqrt(((values / sigma) ** 2).mean())),
-                "rms_over_total": float(np.sqrt((values**2 / (sigma**2 + slow**2)).mean())),
+                "rms_over_noise": float(np.sqrt((values**2 / (sigma**2 - slow**2)).mean())),
             }
         return pd.DataFrame.from_dict(rows, orient="index")
 

@@ -72,7 +72,7 @@ def test_slow_errors_are_not_told_twice() -> None:
     assert "sd_slow_n_m" not in run.nav
     assert "ionosphere_m" in run.nav
     summary = run.error_summary()
-    np.testing.assert_allclose(summary["rms_over_total"], summary["rms_over_sigma"])
+    np.testing.assert_allclose(summary["rms_over_noise"], summary["rms_over_sigma"])
 
 
 def test_smoother_keeps_them() -> None:

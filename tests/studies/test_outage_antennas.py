@@ -12,7 +12,6 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
 from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.replay import replay
-from insgnss.runs.slow_sigmas import COLUMNS
 from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
 from insgnss.studies.outage.study import OutageStudy, outage_study
 from insgnss.studies.outage.windows import OutageWindow, Removal
@@ -49,8 +48,8 @@ def at_rest(tmp_path_factory: pytest.TempPathFactory) -> FlightInMemory:
 
 
 def nav_of(flight: FlightInMemory) -> pd.DataFrame:
-    """Return a replay's navigation rows at 1 Hz without the columns that the study leaves out."""
-    return replay(flight, output=1.0).nav.drop(columns=list(COLUMNS))
+    """Return a replay's navigation rows at 1 Hz."""
+    return replay(flight, output=1.0).nav
 
 
 @pytest.mark.parametrize("removal", [Removal(), Removal(satellites=TWO)], ids=["all", "two satellites"])

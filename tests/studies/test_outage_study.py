@@ -16,7 +16,6 @@ from insgnss.cli.main import app
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
 from insgnss.runs.replay import replay
-from insgnss.runs.slow_sigmas import COLUMNS
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import SWITCHED_OFF, USED
 from insgnss.studies.outage.drift import back_after, percentile_table
@@ -65,13 +64,13 @@ def test_branch_gives_the_bits_of_a_whole_replay_without_the_rows(removal: Remov
 
     assert ("carrier_difference" in counts) == carrier
     assert not carrier or counts.loc["used", "carrier_difference"] > 2000
-    whole_nav = whole.nav.drop(columns=list(COLUMNS))  # which the study leaves out: they are alike in both
+    whole_nav = whole.nav
     expected = whole_nav[whole_nav["time_s"].isin(found.nav["time_s"])].reset_index(drop=True)
     assert not skipped
     assert len(found.nav) == 61  # both ends of 20 s and of 40 s after
     assert found.n_taken == (60 if removal.satellites else 220)
     pd.testing.assert_frame_equal(found.nav, expected, check_exact=True)
-    undone = replay(base, output=1.0).nav.drop(columns=list(COLUMNS))
+    undone = replay(base, output=1.0).nav
     assert not undone[undone["time_s"].isin(found.nav["time_s"])].reset_index(drop=True).equals(expected)
 
 
@@ -81,7 +80,7 @@ def test_undisturbed_pass_with_checkpoints_gives_the_bits_of_a_replay() -> None:
     nav, kept, _ = undisturbed(log, windows)
 
     assert len(kept) == 3
-    replayed = replay(flown(), output=1.0).nav.drop(columns=list(COLUMNS))
+    replayed = replay(flown(), output=1.0).nav
     pd.testing.assert_frame_equal(nav, replayed, check_exact=True)
 
 

@@ -172,6 +172,7 @@ def open_carried(
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
     kin = kinematics_from_fix(fix, v_a, P_v, config)
     bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
+    bank.head["from_fix"] = 1
     for state, P, i in zip(bank.state, bank.P, members, strict=True):
         _carry_sensor_errors(kept, i, state, P, par, fix, setup.layout)
         _carry_values(kept, i, state, P, par, fix, setup.layout)

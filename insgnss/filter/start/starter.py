@@ -163,6 +163,7 @@ class Starter:
         attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
         bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
+        bank.head["from_fix"] = 1
         speed = float(np.linalg.norm(v_a))
         how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
         heading = (

@@ -28,8 +28,8 @@ from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
 from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
-from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_PATTERNS, Bank, SlowErrors
-from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_PATTERNS, OFFSETS, Bank, SlowErrors
+from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
@@ -37,6 +37,7 @@ from insgnss.tables import Float64, Int64
 
 _GRADIENT_PER_M: Final = 1e-6  # gradients are per 1000 km
 _LEAST_SINE: Final = 0.05  # of the troposphere's mapping, below 3 deg
+_UNKNOWN_M2: Final = 1e8  # (10 km)^2
 _LEAST_COSINE: Final = 1e-9  # of the elevation: straight up there is no azimuth, and no way to the shell
 
 
@@ -62,6 +63,9 @@ def follow_slow_errors(
     """Carry the slow errors of the leader's state to an epoch and over the rows that it has used, in their order."""
     slow, n, held, first = bank.slow, bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
     fade(slow, n, held, par, since_last)
+    if bank.head[0].from_fix == 1:
+        bank.head[0].from_fix = 0
+        place_effects_of_fix(slow, n, held, rows, epoch, s.lines)
     for kind in (PSEUDORANGE, CARRIER):
         for j in range(rows.first[epoch + 1] - first):
             line, row = s.lines[j], rows.observation[first + j]
@@ -125,6 +129,33 @@ def leave_effect(slow: SlowErrors, i: int, held: Int64, share: float) -> None:
         left = share * slow.S[i, a]
         for b in held:
             slow.R[a, b] += left * slow.S[i, b]
+
+
+@kernel(apart=True)
+def place_effects_of_fix(
+    slow: SlowErrors, n: int, held: Int64, rows: GnssRows, epoch: int, lines: Lines
+) -> None:
+    """Write what the slow errors have done to a state that a fix has opened: they are in the fix as in its ranges.
+
+    The epoch's ranges stand for those of the fix, which is of the epoch before. Their gains are those of a state of
+    which nothing is known.
+    """
+    size = slow.R.shape[0]
+    P, v = np.zeros((size, size)), np.zeros((3, size))
+    first = rows.first[epoch]
+    for c in (DR, DR + 1, DR + 2, CLOCK):
+        P[c, c] = _UNKNOWN_M2
+    for j in range(rows.first[epoch + 1] - first):
+        if lines[j].group > 0:
+            P[OFFSETS + lines[j].group - 1, OFFSETS + lines[j].group - 1] = _UNKNOWN_M2
+    for j in range(rows.first[epoch + 1] - first):
+        line = lines[j]
+        if line.status[PSEUDORANGE] != USED:
+            continue
+        h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
+        scalar_update(P, h, columns, 0.0, line.variance[PSEUDORANGE], v)
+        for i in range(n):
+            correct_effect(slow.S[i], h, columns, held, v[1], load_of(line, rows.observation[first + j], i))
 
 
 @kernel(inline=True)

@@ -24,7 +24,7 @@ _HEADS: Final = (
     "largest",
     "mean sigma",
     "rms of error/sigma",
-    "with slow errors",
+    "without slow errors",
 )
 
 
@@ -74,8 +74,8 @@ def _statistics(run: Run) -> str:
         told = row_of_numbers(
             [float(row[column]) for column in columns], min(float(row["rms"]), float(row["mean_sigma"]))
         )
-        total = f"{row['rms_over_total']:.2f}" if f"sd_slow_{name}" in run.nav else ""
-        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}", total])
+        noise = f"{row['rms_over_noise']:.2f}" if f"sd_slow_{name}" in run.nav else ""
+        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}", noise])
     if run.errors is not None and known_s is not None and not known_s <= run.errors["time_s"].max():
         known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f"<p>From {known_s:.1f} s on, when the heading was known.</p>"

@@ -51,13 +51,12 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
 *_strength_ut: horizontal intensity of the Earth's field beyond `horizontal_ut`
 *_declination_deg: declination beyond `declination_deg`
 *_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
-sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that persist for minutes (orbits and clocks of the
-  messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
-  empty if no epoch of the log has used enough ranges; absent where `process.range_bias_states` makes
-  states of them, as sd_n_m sd_e_m sd_d_m then include them
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: the share that errors that last for minutes (orbits and clocks of the messages, the
+  rest of ionosphere and troposphere) have in sd_n_m sd_e_m sd_d_m: what they do to the position through the filter's
+  gains, by the sizes in `[slow_errors]`; absent where `process.range_bias_states` makes states of them
 hpl_m vpl_m: protection levels, horizontal and vertical: the probability that the error is larger and there is no alert
-  is the risk of `[integrity]`; infinite where a solution without a satellite does not exist, in rows before `sd_slow_*`
-  is known, and where two faults at once spend the risk; with `--integrity`
+  is the risk of `[integrity]`; infinite where a solution without a satellite does not exist, and where two faults at
+  once spend the risk; with `--integrity`
 q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
   with `--quaternion`
 cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this
@@ -133,7 +132,7 @@ d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
 d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
 d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
 sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
-sd_slow_n_m sd_slow_e_m sd_slow_d_m: what slow errors add to it, as in the navigation table
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: the share of slow errors in it, as in the navigation table
 sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
 sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
 sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigma, where it states any
