@@ -158,7 +158,7 @@ def _how_good(run: Run) -> list[str]:
 
 def _slow(table: pd.DataFrame) -> list[str]:
     """Return the share of the errors that last in the sigma, nothing for a run without them."""
-    if "sd_slow_n_m" not in table:
+    if "sd_slow_n_m" not in table or table["sd_slow_n_m"].isna().all():
         return []
     horizontal = float(
         np.nanmedian(np.hypot(table["sd_slow_n_m"].to_numpy(), table["sd_slow_e_m"].to_numpy()))

@@ -94,7 +94,8 @@ antenna: where there are several: which one an attitude difference is of
 innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
   unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
   a filter that is lost
-sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
+sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit; the gate adds to it the slow
+  errors that the state has not taken yet
 nis: squared ratio of the two: 1 on average where filter and noise agree
 status: used, or why not: see the list at the end
 """
