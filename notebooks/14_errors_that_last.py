@@ -22,9 +22,9 @@
 #
 # $$z_j=\rho_j+c+b_j+q_j\,I+w_j\,Z+\text{noise},\qquad \dot x=-x/\tau+\text{noise}\quad\text{for}\quad x=b_j,\,I,\,Z,$$
 #
-# ($b_j$ of satellite $j$, $I$ of the ionosphere and $Z$ of the troposphere at the zenith, $q_j$ and $w_j$ their mappings)
-# there are two remedies. The filter can keep its gains $K$ and follow what they make of such an error: of errors $b$ of
-# unit variance with the loads $a$ on a row $h$, the state's error $S\,b$ becomes
+# ($b_j$ of satellite $j$, $I$ of the ionosphere and $Z$ of the troposphere at the zenith, $q_j$ and $w_j$ their
+# mappings) there are two remedies. The filter can keep its gains $K$ and follow what they make of such an error: of
+# errors $b$ of unit variance with the loads $a$ on a row $h$, the state's error $S\,b$ becomes
 #
 # $$S\leftarrow S+K\,(a-h\,S),\qquad P_\text{total}=P+S\,S^T,$$
 #
@@ -146,8 +146,8 @@ assert summary.loc["followed", "rms, m"].equals(summary.loc["not told", "rms, m"
 nis = cost.loc["mean NIS of the ranges"]
 assert abs(nis["states"] - nis["not told"]) < 0.05
 print(
-    f"Answer: a filter that is not told has position errors of {proud.min():.1f} to {proud.max():.1f} sigma. By default"
-    f" the sigma holds the errors that last: {followed.min():.1f} to {followed.max():.1f}, the estimate is the same; with"
+    f"Answer: a filter that is not told has position errors of {proud.min():.1f} to {proud.max():.1f} sigma. By"
+    f" default the sigma holds what lasts: {followed.min():.1f} to {followed.max():.1f}, the estimate is the same; with"
     f" process.range_bias_states {states.min():.1f} to {states.max():.1f}. The mean NIS of the ranges stays"
     f" ({nis['not told']:.2f} and {nis['states']:.2f})."
 )

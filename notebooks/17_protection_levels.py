@@ -210,8 +210,8 @@ for case, run in runs.items():
 # %% [markdown]
 # ## What the levels cost where errors persist
 #
-# A real log has errors of orbits, clocks and air that last. With the sizes of `[slow_errors]` for a real sky the flight has
-# levels several times as large. Imperfect: the levels hold as far as these sizes and the other sigmas do; two faults at
+# A real log has errors of orbits, clocks and air that last. With the sizes of `[slow_errors]` for a real sky the flight
+# has levels several times as large. Imperfect: the levels hold as far as these sizes and the other sigmas do; two faults at
 # once, and with one constellation a fault of all of it, are not monitored.
 
 # %%
