@@ -211,8 +211,8 @@ for case, run in runs.items():
 # ## What the levels cost where errors persist
 #
 # A real log has errors of orbits, clocks and air that last. With the sizes of `[slow_errors]` for a real sky the flight
-# has levels several times as large. Imperfect: the levels hold as far as these sizes and the other sigmas do; two faults at
-# once, and with one constellation a fault of all of it, are not monitored.
+# has levels several times as large. Imperfect: the levels hold as far as these sizes and the other sigmas do; two
+# faults at once, and with one constellation a fault of all of it, are not monitored.
 
 # %%
 sizes = {"slow_errors.satellite_m": {"G": 0.5}}  # the others stay at their defaults

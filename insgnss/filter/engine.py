@@ -26,8 +26,8 @@ from insgnss.filter.imu.samples import ImuBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.loop import write_between
 from insgnss.filter.navigator import Navigator
-from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
-from insgnss.filter.output.writing import NAV_COLUMNS, mark_without_imu
+from insgnss.filter.output.total_sigmas import nav_columns
+from insgnss.filter.output.writing import mark_without_imu
 from insgnss.filter.own_rows.ledger import OwnResults
 from insgnss.filter.own_update import carry_through
 from insgnss.filter.prediction import carry_bank
@@ -214,16 +214,13 @@ class FilterEngine:
         if self._live is None or newest is None:
             return NavState(newest or 0, False, {})
         rows = self._rows(empty_epoch())
-        out = one_row(self._setup, rows)
-        work = self._navigator.workspace(rows)
+        out, work = one_row(self._setup, rows), self._navigator.workspace(rows)
         write_between(self._live, newest, self._samples.view(), self._navigator.parameters[0], out, work)
         if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
             return NavState(newest, False, {})
-        values = dict(zip(NAV_COLUMNS, map(float, total_values(out.nav[:1])[0]), strict=True))
-        further = self._setup.layout.in_columns(out.optional[0])
-        if not self._setup.config.process.range_bias_states:
-            further |= {name: share[0] for name, share in slow_sigmas(out.nav[:1]).items()}
-        return NavState(newest, True, values | {name: float(value) for name, value in further.items()})
+        values = nav_columns(out.nav[:1], with_shares=not self._setup.config.process.range_bias_states)
+        values |= self._setup.layout.in_columns(out.optional[:1])
+        return NavState(newest, True, {name: float(value[0]) for name, value in values.items()})
 
     @property
     def events(self) -> list[Event]:

@@ -80,7 +80,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         place_motion: (m, P, par, s.antenna[0]),
         swing_lever_arm: (m, P, par, s.antenna[0], ANY_N),
         place_range_biases: (bank, par, rows, ANY_N, lines),
-        follow_slow_errors: (bank, par, rows, ANY_N, ANY_X, s),
+        follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
         place_slow_variances: (bank, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),

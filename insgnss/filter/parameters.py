@@ -162,6 +162,12 @@ def _slow_sizes(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[
     return MAX_RANGE_BIASES if largest > 0.0 else 0, ionosphere, gradient, troposphere
 
 
+def _slow_errors(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[Any, ...]:
+    """Return all numbers of the slow errors, in the order of the fields."""
+    times_s = (config.slow_errors.air_time_s, config.slow_errors.satellite_time_s)
+    return (*_slow_sizes(config, layout, slow), *(1.0 / time_s for time_s in times_s), *_held(layout))
+
+
 def _held(layout: Layout) -> tuple[int, npt.NDArray[np.int64]]:
     """Return the states that ranges hold, and so their slow errors reach: position, clock, those of ranges alone."""
     of_ranges = (SYSTEM_OFFSETS, CHANNEL_BIAS, ZENITH_DELAY, IONOSPHERE)
@@ -237,10 +243,7 @@ def resolve_parameters(
         layout.at(LEVER_ARM),
         layout.at(IMU_TIME),
         layout.at(RANGE_BIASES),
-        *_slow_sizes(config, layout, slow),
-        1.0 / config.slow_errors.air_time_s,
-        1.0 / config.slow_errors.satellite_time_s,
-        *_held(layout),
+        *_slow_errors(config, layout, slow),
         config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,
         layout.at_clone,
         config.process.covariance_step_s,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.aiding.table import AidingTable
-from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
+from insgnss.filter.output.total_sigmas import nav_columns, total_values
 from insgnss.filter.output.writing import NAV_COLUMNS, Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
@@ -76,11 +76,9 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
     """Return the navigation table, one row per output time."""
     rows = out.nav[: out.counts[0].nav]
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows["t_ns"], week)}
-    values = total_values(rows)
-    columns.update({name: values[:, i] for i, name in enumerate(NAV_COLUMNS)})
+    # as states the slow errors have no share of their own
+    columns |= nav_columns(rows, with_shares=not setup.config.process.range_bias_states)
     columns |= setup.layout.in_columns(out.optional[: len(rows)])
-    if not setup.config.process.range_bias_states:  # as states they have no share of their own
-        columns |= slow_sigmas(rows)
     table = pd.DataFrame(columns)
     return table.astype({"n_used": np.int64, "n_hypotheses": np.int64})
 

@@ -119,6 +119,13 @@ lever_arm_m = [{LEVER_ARM_B[0]}, {LEVER_ARM_B[1]}, {LEVER_ARM_B[2]}]   # IMU to 
 [gnss.oscillator]
 {oscillator}
 
+[gnss.slow_errors]                   # nothing in the simulation lasts
+satellite_m = {{ G = 0.0 }}
+ionosphere_zenith_m = 0.0
+no_ionosphere_zenith_m = 0.0
+ionosphere_gradient_per_1000_km = 0.0
+troposphere_zenith_m = 0.0
+
 [reference]
 file = "reference.csv"
 point = "imu"

@@ -1,4 +1,4 @@
-"""The sizes of a simulated receiver's range errors that last, as a filter is told them (``[gnss.slow_errors]``)."""
+"""The sizes of a simulated receiver's range errors that last, for its flight file (``[gnss.slow_errors]``)."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ import pytest
 from insgnss.config.library import filter_config
 from insgnss.filter.engine import EpochResult, FilterEngine
 from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.whole_log import run_filter
@@ -153,7 +154,10 @@ def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, 
     flight, logs = part
     setup = setup_filter(flight, logs, filter_config("tight17"))
     out, _ = run_filter(setup, logs.imu, setup.rows(logs.gnss, setup.navigation), "imu")
-    nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.counts[0].nav]}
+    rows = out.nav[: out.counts[0].nav]
+    shares = np.column_stack(list(slow_sigmas(rows).values()))
+    told = np.column_stack([total_values(rows), shares])
+    nav = dict(zip(rows["t_ns"].tolist(), told, strict=True))
     engine = FilterEngine(setup)
     tables = {int(e.t_ns[0]): e for e in epochs(logs.gnss)}
     compared = 0

@@ -174,7 +174,7 @@ def rows(layout: Layout) -> GnssRows:
         clock_groups=("G", "E"),
         signals={"G": ("C1C",), "E": ("C1C",)},
         carrier=True if layout.clone else None,
-        bias_sigma_m={"G": 0.5, "E": 0.3} if layout.at(RANGE_BIASES) >= 0 else None,
+        slow_sigma_m={"G": 0.5, "E": 0.3} if layout.at(RANGE_BIASES) >= 0 else None,
     )
 
 

@@ -55,7 +55,8 @@ def test_position_is_as_good_as_it_claims(carrier: bool) -> None:
     found = mean_squares(runs(carrier, states=True))
     assert (found < high).all()
     assert found.mean() > low
-    assert mean_squares(runs(carrier, states=False))[2] > high  # the height without
+    followed = mean_squares(runs(carrier, states=False))
+    assert (followed < high).all()
 
 
 def test_innovations_are_as_they_were() -> None:

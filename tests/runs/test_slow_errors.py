@@ -23,7 +23,7 @@ from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.simulation.signal_errors import MessageErrors
 from insgnss.tables import PreciseProducts
 from tests.filter.test_engine import no_delay, stream
-from tests.runs.scenes import START_S, flight, rows_where, turns, with_faults
+from tests.runs.scenes import flight, rows_where, turns, with_faults
 from tests.statistics_bounds import mean_chi_square_bounds
 
 SHELL = 6_378_137.0 / (6_378_137.0 + 350_000.0)
@@ -77,9 +77,9 @@ def test_air_moves_the_position_by_its_sigma(ionosphere_m: float, troposphere_m:
     moved = np.abs(errors(flown(air(ionosphere_m, troposphere_m), config), "d_") - errors(plain, "d_"))
     told = errors(plain, "sd_slow_")
 
-    assert (told[:, 2] > 0.15).all()
+    assert (told[1:, 2] > 0.15).all()  # the first row is the start itself
     # what the errors do to velocity and attitude is left out
-    assert np.allclose(moved[5:], told[5:], rtol=0.02, atol=0.005)
+    assert np.allclose(moved[5:], told[5:], rtol=0.01, atol=0.01)
 
 
 @pytest.mark.parametrize("outage", [False, True])
@@ -139,20 +139,17 @@ def test_covariance_and_points_hold_them() -> None:
     )
     for axis in "ned":
         np.testing.assert_allclose(run.nav[f"cov_{axis}_{axis}_m2"], run.nav[f"sd_{axis}_m"] ** 2, rtol=1e-9)
-        assert (run.nav[f"sd_point_{axis}_m"] > 0.999 * run.nav[f"sd_{axis}_m"]).all()
+        assert (run.nav[f"sd_point_{axis}_m"] > run.nav[f"sd_slow_{axis}_m"]).all()
     correlation = run.nav["cov_n_d_m2"] / (run.nav["sd_n_m"] * run.nav["sd_d_m"])
     assert (correlation.abs() <= 1.0).all()
 
 
-def test_aiding_holds_them() -> None:
-    """The share of the slow errors is in the sigma of a predicted pseudorange."""
+def test_aiding_predicts_what_the_receiver_measures() -> None:
+    """The ranges that it predicts have the slow errors as the state has: its sigmas stay."""
     sizes = {"ionosphere_zenith_m": 1.5, "satellite_m": {"G": 0.5}}
     told = [replay(disturbed(air(0.0, 0.0)), tight17(**chosen), aiding=1.0).aiding for chosen in ({}, sizes)]
     assert told[0] is not None and told[1] is not None
-    late = told[0]["time_s"] > START_S + 20.0
-    ratio = (told[1]["sd_pseudorange_m"] / told[0]["sd_pseudorange_m"])[late]
-    assert ratio.median() > 1.1
-    np.testing.assert_allclose(told[1]["sd_range_rate_mps"], told[0]["sd_range_rate_mps"], rtol=1e-6)
+    pd.testing.assert_frame_equal(told[0], told[1])
 
 
 def test_engine_has_them_live() -> None:

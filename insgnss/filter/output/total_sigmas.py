@@ -52,6 +52,12 @@ def total_values(rows: Table) -> Float64:
     return values
 
 
+def nav_columns(rows: Table, *, with_shares: bool) -> dict[str, Float64]:
+    """Return ``NAV_COLUMNS`` of navigation rows and, on request, the shares of the slow errors, each (m,)."""
+    columns = dict(zip(NAV_COLUMNS, total_values(rows).T, strict=True))
+    return columns | slow_sigmas(rows) if with_shares else columns
+
+
 def slow_sigmas(rows: Table) -> dict[str, Float64]:
     """Return the columns of the share that the slow errors have in the sigmas of the position, each (m,)."""
     return {name: np.sqrt(rows["slow"][:, i]) for name, i in zip(SLOW_COLUMNS, _VARIANCES[:3], strict=True)}

@@ -10,7 +10,6 @@ from insgnss.filter.prediction import Scratch, propagate_covariance
 from insgnss.filter.sensor_errors import biases_to_whole_errors
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import Bank, HeadRecord, copy_matrix
-from insgnss.filter.update.slow_errors import add_slow_errors
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -27,8 +26,9 @@ def write_trace(
 ) -> None:
     """Write the leader's state at the bank's time ``t_ns``, and the covariance there where it is due or asked for.
 
-    It is the leader's, or the bank's while the heading is open, with the slow errors; a state that is not finite gives
-    none. The work space is handed over in its parts: handing over all of it would cost more than the row.
+    It is the leader's, or the bank's while the heading is open; a state that is not finite gives none. The slow errors
+    are not in it: it predicts what the receiver measures, and its ranges have them as the state has. The work space is
+    handed over in its parts: handing over all of it would cost more than the row.
 
     Parameters
     ----------
@@ -47,5 +47,4 @@ def write_trace(
         propagate_covariance(bank.state[0], P_out, par, scratch)
     covariance_at_gps_time(bank.state[head.leader], par, P_out)
     biases_to_whole_errors(bank.state[head.leader], par, P_out)
-    add_slow_errors(bank, P_out)
     write_covariance(room, t_ns, P_out)

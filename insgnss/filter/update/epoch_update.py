@@ -119,15 +119,13 @@ def update_epoch(
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
-    )
+    )  # the prior is in scratch.A then
     if done.clock_step == 0.0 and done.drift_step == 0.0:
-        prior = scratch.A
-        adapt_noise(m, prior, P, par, s, last - first, t_ns, drift_variance)
-        follow_explained(m, prior, par, lines, s.fit, t_ns)
+        adapt_noise(m, scratch.A, P, par, s, last - first, t_ns, drift_variance)
+        follow_explained(m, scratch.A, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, par, correction, s.antenna[0])
-    if member == bank.head[0].leader and bank.head[0].n_slow > 0:
-        follow_slow_errors(bank, par, rows, epoch, since_last, s)
+    follow_slow_errors(bank, member, par, rows, epoch, since_last, s)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])

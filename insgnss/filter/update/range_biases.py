@@ -78,7 +78,7 @@ def forget_state(bank: Bank, at: int) -> None:
 
 @kernel(inline=True)
 def forget_effect(slow: SlowErrors, i: int, held: Int64) -> None:
-    """Let an error that is no state be another satellite's: what it has done to the state stays, on its own."""
+    """Free the place of an error without a state: what it has done to the filter's state stays, on its own."""
     leave_effect(slow, i, held, 1.0)
     for a in held:
         slow.S[i, a] = 0.0

@@ -1,6 +1,6 @@
 """What range errors that last do to a filter that takes them for noise (consider analysis), compiled.
 
-Orbits and clocks of the messages, and what the models of ionosphere and troposphere leave, stay alike for an hour. No
+Orbits and clocks of the messages, and what the models of ionosphere and troposphere leave, last for about an hour. No
 gain is made for them, so they pass into the state e = estimate - truth by the gains of the ranges that have them. Each
 is a Gauss-Markov process b of unit variance. With e = S b + c, c what earlier values of the errors have left, of
 covariance R, a step over the time t and a row h with the load a of the errors on its measurement make
@@ -58,9 +58,11 @@ def gain_row(j: int, kind: int) -> int:
 
 @kernel(apart=True)
 def follow_slow_errors(
-    bank: Bank, par: Parameters, rows: GnssRows, epoch: int, since_last: float, s: EpochWorkspace
+    bank: Bank, member: int, par: Parameters, rows: GnssRows, epoch: int, since_last: float, s: EpochWorkspace
 ) -> None:
-    """Carry the slow errors of the leader's state to an epoch and over the rows that it has used, in their order."""
+    """Carry the slow errors to an epoch and over the rows that it has used, in their order, where a member leads."""
+    if member != bank.head[0].leader or bank.head[0].n_slow == 0:
+        return
     slow, n, held, first = bank.slow, bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
     fade(slow, n, held, par, since_last)
     if bank.head[0].from_fix == 1:
@@ -220,17 +222,3 @@ def correct_by_own_row(slow: SlowErrors, h: Float64, columns: Int64, held: Int64
     slow.S[:] -= np.outer(slow.S[:, columns] @ h, K)
     Rh = slow.R[:, columns] @ h
     slow.R[:] += np.outer(K, (Rh[columns] @ h) * K - Rh) - np.outer(Rh, K)
-
-
-@kernel(apart=True)
-def add_slow_errors(bank: Bank, P: Float64) -> None:
-    """Add S S^T + R to a covariance (n, n) of the leader's state."""
-    n = P.shape[0]
-    for a in range(n):
-        for b in range(n):
-            P[a, b] += bank.slow.R[a, b]
-    for i in range(bank.head[0].n_slow):
-        e = bank.slow.S[i]
-        for a in range(n):
-            for b in range(n):
-                P[a, b] += e[a] * e[b]

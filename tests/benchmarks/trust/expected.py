@@ -7,14 +7,10 @@ from typing import Final
 
 from tests.benchmarks.trust.rows import Mark
 
-LASTING: Final = "multipath that lasts has no state unless one is asked for: see the rows with _states"
 TIME_OFFSET: Final = "a time offset has no state unless one is asked for: see the row with _state"
 
 # what a later issue brings
 LATER: Final = (
-    Mark("city_*_multipath", "* position *", LASTING),
-    Mark("city_car", "* position *", LASTING),
-    Mark("ship_in_waves", "* position *", LASTING),
     Mark("fault_gnss_50ms", "worst *", TIME_OFFSET),
     Mark("fault_gnss_50ms", "no false heading", TIME_OFFSET),
     Mark("fault_imu_50ms", "worst *", TIME_OFFSET),
