@@ -12,6 +12,8 @@ FLIGHT ?= data/sample_flight/flight.toml
 OUT ?= out/demo
 ARGS ?=
 NOTEBOOKS ?= notebooks/*.ipynb
+# Tests start more than a hundred processes; where the environment forbids byte code, each would compile every module anew
+KEPT := PYTHONDONTWRITEBYTECODE=
 
 .PHONY: help setup demo test test-bounds test-lowest notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
 
@@ -24,8 +26,8 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)" --report "$(OUT)/report.html"
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
-	$(BIN)/python -c "from insgnss.runs.first_run import main; main()"
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(KEPT) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
+	$(KEPT) $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 # What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has
 # a cache of its own (insgnss/kernels/jit.py). Every test of the suite may run so, but not in a few minutes.
@@ -37,8 +39,8 @@ BOUNDS := $(KERNELS) tests/filter/test_soundness.py tests/filter/test_gating.py 
 
 # Nearly all of its time is compiling: the lists of kernels first, in a process a core, then the rest test by test.
 test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
+	NUMBA_BOUNDSCHECK=1 $(KEPT) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
+	NUMBA_BOUNDSCHECK=1 $(KEPT) $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
 
 # By hand, before a release: makes an environment of its own in build/. Another interpreter, for which the lowest versions
 # have no wheels: make test-lowest PYTHON=python3.13 ARGS=--newest

@@ -14,6 +14,7 @@ from pathlib import Path
 import jupytext
 import nbformat
 import pytest
+from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
@@ -140,16 +141,50 @@ def is_call(body: list[ast.stmt]) -> bool:
     return bool(body) and isinstance(body[-1], ast.Expr) and isinstance(body[-1].value, ast.Call)
 
 
-@each_notebook
-def test_notebook_runs_and_its_conclusion_holds(name: str) -> None:
-    """Run it in a kernel of its own, in its own folder, as somebody would who opened it."""
-    notebook = stored(name)
+@pytest.fixture(scope="module")
+def kernel() -> Iterator[KernelManager]:
+    """Return a kernel for all notebooks: to start one and import the libraries takes as long as many a notebook."""
+    manager = KernelManager(kernel_name="python3")
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    client = NotebookClient(
-        notebook, timeout=CELL_LIMIT_S, kernel_name="python3", resources={"metadata": {"path": str(FOLDER)}}
-    )
+    manager.start_kernel(env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, cwd=str(FOLDER))
+    yield manager
+    manager.shutdown_kernel(now=True)
 
-    client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
+
+# what a notebook would find in a kernel of its own: no name, no open figure, no changed setting, its own folder
+AS_NEW = f"""
+import os, matplotlib.pyplot
+os.chdir({str(FOLDER)!r})
+matplotlib.pyplot.close("all")
+matplotlib.rcdefaults()
+%reset_selective -f .
+"""
+
+
+@each_notebook
+def test_notebook_takes_no_module_that_it_does_not_import(name: str) -> None:
+    """Another notebook's import would hide it in a kernel that they share."""
+    read = {
+        node.attr
+        for node in statements(name)
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "insgnss"
+    }
+
+    assert read <= set(insgnss.__all__)
+
+
+@each_notebook
+def test_notebook_runs_and_its_conclusion_holds(name: str, kernel: KernelManager) -> None:
+    """Run it in its own folder, as somebody would who opened it."""
+    notebook = stored(name)
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(AS_NEW))
+    client = NotebookClient(notebook, km=kernel, timeout=CELL_LIMIT_S)
+
+    try:
+        client.execute()
+    finally:
+        if client.kc is not None:  # the kernel goes on, what was said to it does not
+            client.kc.stop_channels()
 
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert [output.text for output in outputs if output.get("name") == "stderr"] == []

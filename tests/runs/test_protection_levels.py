@@ -105,7 +105,7 @@ def test_faultless_flight_stays_below_its_levels_and_keeps_its_solution() -> Non
 
 @pytest.mark.parametrize("size_m", [8.0, -40.0, 200.0])
 def test_fault_that_the_filter_believes_is_within_the_levels_and_told(size_m: float) -> None:
-    flown = flight(turns(120.0), seed=902)
+    flown = flight(turns(70.0), seed=902)
     sv = sorted(flown.logs.gnss.sv_names)[1]
     run = insgnss.replay(with_fault(flown, sv, 40.0, size_m), settings=OPEN, integrity=True)
     assert (beyond(run) < 1.0).all().all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
+from insgnss.config.library import find
 from insgnss.errors import ConfigError, ResultError
 from insgnss.studies.campaign import cluster
 from insgnss.studies.campaign.results import Sums, data_set, failures, summary
@@ -271,8 +273,15 @@ def test_outage_of_a_worse_imu_drifts_more(tmp_path: Path) -> None:
 
 
 def test_command_prints_a_summary_of_the_masking_study(tmp_path: Path) -> None:
+    text = find("scenarios", "sokolov_2015").read_text(encoding="utf-8")
+    short = tmp_path / "short.toml"  # the last satellite is back by then
+    short.write_text(
+        re.sub(r"^duration_s = 240\.0", "duration_s = 110.0", text, flags=re.MULTILINE), encoding="utf-8"
+    )
     file = tmp_path / "campaign.toml"
-    file.write_text('name = "m"\ncase = "masking"\nseeds = 1\n', encoding="utf-8")
+    file.write_text(
+        f'name = "m"\ncase = "masking"\nseeds = 1\n[fixed]\nscenario = "{short}"\n', encoding="utf-8"
+    )
     arguments = ["campaign", str(file), "-o", str(tmp_path / "out"), "--workers", "0", "--by", "way"]
     result = CliRunner().invoke(app, arguments)
 
