@@ -55,6 +55,14 @@ class Vibration(StrictModel):
     gyro_deg2_per_s2_per_hz: tuple[PositiveFloat, ...] = ()
     accel_lines_hz_g: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
     gyro_lines_hz_deg_per_s: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
+    from_s: NonNegativeFloat = Field(0.0, description="it begins, as a motor does")
+    end_s: PositiveFloat | None = Field(None, description="it is over; None: it lasts as long as the log")
+
+    @model_validator(mode="after")
+    def _begins_before_it_ends(self) -> Vibration:
+        if self.end_s is not None and self.end_s <= self.from_s:
+            raise ValueError("end_s must be later than from_s")
+        return self
 
     @model_validator(mode="after")
     def _corners_go_together(self) -> Vibration:

@@ -227,7 +227,11 @@ def _spectrum(
         return None
     corners = told.frequency_hz if density else ()
     return VibrationSpectrum(
-        corners, tuple(value * unit**2 for value in density), tuple((f, size * unit) for f, size in lines)
+        corners,
+        tuple(value * unit**2 for value in density),
+        tuple((f, size * unit) for f, size in lines),
+        told.from_s,
+        told.end_s,
     )
 
 

@@ -26,15 +26,15 @@ def covariance(n: int, seed: int) -> np.ndarray:
     return root @ root.T
 
 
-def test_unknown_force_is_the_horizontal_trace_of_its_covariance() -> None:
+@pytest.mark.parametrize("load", [1.0, 0.0, -0.4, 2.5])
+def test_unknown_force_is_the_horizontal_trace_of_its_covariance(load: float) -> None:
     C_eb = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
     P = covariance(OFFSETS, 1)
     g2 = float(GRAVITY_E @ GRAVITY_E)
 
-    found = unknown_force(C_eb, P, P[BA : BA + 3], GRAVITY_E, g2, np.zeros(OFFSETS))
+    found = unknown_force(C_eb, P, P[BA : BA + 3], GRAVITY_E, g2, load, np.zeros(OFFSETS))
 
-    x, y, z = GRAVITY_E
-    M = np.hstack([np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), -C_eb])  # df = g x psi - C b_a
+    M = np.hstack([load * cross_matrix(GRAVITY_E), -C_eb])  # df = n g x psi - C b_a
     both = [*range(PSI, PSI + 3), *range(BA, BA + 3)]
     horizontal = np.eye(3) - np.outer(GRAVITY_E, GRAVITY_E) / g2
     np.testing.assert_allclose(found, np.trace(horizontal @ M @ P[np.ix_(both, both)] @ M.T), rtol=1e-12)

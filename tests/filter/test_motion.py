@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from insgnss.filter.headings.headings import weigh_headings
-from insgnss.filter.headings.motion import sees_earth_rate, velocity_changed
+from insgnss.filter.headings.motion import motion_specific_force, sees_earth_rate, velocity_changed
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.state import BG, DV, OFFSETS, new_bank
+from insgnss.filter.state import BG, DV, OFFSETS, PSI, StateRecord, new_bank
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.epoch_update import use_rows
 from insgnss.filter.update.scalar_update import predicted_variance
@@ -18,6 +18,7 @@ from insgnss.units import deg_per_h_to_radps
 from tests.layouts import layout_with
 
 PLACE_E = np.array([4.2e6, 0.6e6, 4.7e6])
+UP_E = np.array([0.0, 0.0, 1.0])  # at the pole
 
 
 def parameters(gate: float = 5.0) -> np.ndarray:
@@ -76,6 +77,32 @@ def test_response_is_the_difference_of_two_filters_with_and_without_the_motion()
         H[j, columns] = line.h[RANGE_RATE][: len(columns)]
     S = H @ start @ H.T + np.diag(0.5 + np.arange(6))
     assert information == pytest.approx((H @ q) @ np.linalg.solve(S, H @ q), rel=1e-9)
+
+
+def tilted(force_mps2: np.ndarray) -> tuple[StateRecord, np.ndarray]:
+    """Return a state that feels a force (east, north, up) for a second, its attitude unsure by 1 deg."""
+    m, P = new_bank(1, 0).state[0], np.zeros((OFFSETS, OFFSETS))
+    m.r_e[:], m.C_eb[:], m.sum_dt = np.linalg.norm(PLACE_E) * UP_E, np.eye(3), 1.0
+    m.f_smooth[:] = m.sum_dv[:] = force_mps2
+    P[PSI : PSI + 3, PSI : PSI + 3] = np.radians(1.0) ** 2 * np.eye(3)
+    for i in range(BG, BG + 3):
+        P[i, i] = deg_per_h_to_radps(100.0) ** 2  # these gyros do not see the Earth's rate
+    return m, P
+
+
+def test_drag_of_a_fall_is_not_what_tilt_leaves_of_gravity() -> None:
+    """Of 0.6 m/s^2 along the way, 10 deg off the vertical, 1 deg of tilt hides 0.01 m/s^2: the rest has a direction.
+
+    A transition that turned it into the vertical would let the velocity show the angle about the nose. At rest
+    the same tilt turns gravity by 0.17 m/s^2, and the same horizontal force shows nothing.
+    """
+    drag = -0.6 * np.array([np.sin(np.radians(10.0)), 0.0, np.cos(np.radians(10.0))])
+    m, P = tilted(drag)
+    *found, _ = motion_specific_force(m, P, parameters(), -9.8 * UP_E, np.zeros_like(P))
+    assert np.linalg.norm(np.cross(found, drag)) < 0.1 * abs(drag[0] * drag[2])
+    m, P = tilted(drag * [1.0, 1.0, 0.0] + 9.8 * UP_E)
+    *found, _ = motion_specific_force(m, P, parameters(), -9.8 * UP_E, np.zeros_like(P))
+    np.testing.assert_allclose(found, 9.8 * UP_E, atol=1e-12)
 
 
 @pytest.mark.parametrize(("change", "seen"), [(0.3, False), (0.75, True)])

@@ -198,7 +198,7 @@ def test_levelling_is_off_by_all_that_the_accelerometers_are_off_by() -> None:
     rows = np.zeros((3, len(P)))
     accel_error_covariance(m, numbers(layout), P, rows)
     g_e = -place().f_e
-    unknown = unknown_force(m.C_eb, P, rows, g_e, float(g_e @ g_e), np.zeros(len(P)))
+    unknown = unknown_force(m.C_eb, P, rows, g_e, float(g_e @ g_e), 1.0, np.zeros(len(P)))
     assert unknown == pytest.approx(2.0 * (LEVEL_FLOOR_RAD * STANDARD_GRAVITY_MPS2) ** 2, rel=0.02)
 
 

@@ -13,7 +13,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.imu import TriadErrorModel, accelerometer_model, gyro_model, low_pass, measure
 from insgnss.simulation.imu_record import ImuRecord
-from insgnss.simulation.vibration import VibrationSpectrum, vibration
+from insgnss.simulation.vibration import RISE_S, VibrationSpectrum, vibration
 from insgnss.tables import ImuTable
 from tests.statistics_bounds import assert_mean_chi_square
 
@@ -114,6 +114,34 @@ def test_vibration_above_half_the_rate_is_folded_and_lowered_by_the_mean(rng: np
     broad = vibration(20_000, STEP_S, VibrationSpectrum((120.0, 130.0), (1.0, 1.0)), rng)
     f, density = welch(broad[:, 0], fs=100.0, nperseg=1000)
     assert 19.0 < f[np.argmax(density)] < 31.0
+
+
+def test_vibration_of_a_motor_lasts_as_long_as_the_motor_and_changes_no_other_number() -> None:
+    lasting = VibrationSpectrum((5.0, 45.0), (1.0, 1.0), ((20.0, 3.0),))
+    always, burning = (
+        vibration(1000, STEP_S, spectrum, np.random.default_rng(4))
+        for spectrum in (lasting, replace(lasting, from_s=3.0, end_s=6.0))
+    )
+    middle = (np.arange(1000) + 0.5) * STEP_S
+    assert np.all(burning[(middle < 3.0) | (middle > 6.0)] == 0.0)
+    whole = (middle > 3.0 + RISE_S) & (middle < 6.0 - RISE_S)
+    assert np.array_equal(burning[whole], always[whole])
+    assert np.all(np.abs(burning) <= np.abs(always))
+
+
+def test_vibration_of_a_spinning_body_walks_where_means_fold_it_onto_the_spin(
+    rng: np.random.Generator,
+) -> None:
+    """The lines a spin beside the multiples of the sampling rate: sum of S sinc^2(f step) / 2, turned into a walk."""
+    step_s, spin_hz, seconds, density = 0.005, 2.0, 400, 0.077
+    flat = VibrationSpectrum((20.0, 2000.0), (density, density))
+    y, z = vibration(200 * seconds, step_s, flat, rng)[:, 1:].T
+    middle = (np.arange(200 * seconds) + 0.5) * step_s
+    turned = ((y + 1j * z) * np.exp(2j * np.pi * spin_hz * middle)).reshape(seconds // 20, -1)
+    walked = np.mean(np.abs(turned.sum(axis=1) * step_s) ** 2) / 2.0 / 20.0
+    beside = np.array([200.0 * k + side * spin_hz for k in range(1, 10) for side in (-1, 1)])
+    expected = np.sum(density * np.sinc(beside * step_s) ** 2) / 2.0
+    assert walked == pytest.approx(expected, rel=0.6)
 
 
 def test_vibration_too_long_for_memory_is_told(rng: np.random.Generator) -> None:

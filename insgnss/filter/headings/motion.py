@@ -37,6 +37,8 @@ def motion_specific_force(
     and the remainder of tilt and bias. A filter that takes it for motion finds headings in it that nothing
     shows. So the horizontal force f_h of the last moments counts by s = 1 - (k^2 N + 2^2 E) / |f_h|^2, N the variance
     of the sensor's noise in it, independent from sample to sample, and E that of tilt and bias together, which lasts.
+    Tilt turns the vertical force that is there: all of gravity where a vehicle is carried, nothing in free fall, where
+    a small drag is a motion with a direction.
     While the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than its
     grade. What does not count may still be a slow motion that the attitude's errors turn, and what counts holds
     the error E: both come in as noise.
@@ -55,7 +57,7 @@ def motion_specific_force(
     hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
     h2 = hx * hx + hy * hy + hz * hz
     accel_error_covariance(m, par, P, scratch[1:4])
-    unknown = unknown_force(m.C_eb, P, scratch[1:4], g_e, g2, scratch[0])
+    unknown = unknown_force(m.C_eb, P, scratch[1:4], g_e, g2, -along, scratch[0])
     noise = 0.5 * par.accel_density / FORCE_MEAN_TIME_S  # of an axis, as half of ``unknown`` is
     least2 = par.motion_gate2 * noise + 0.5 * LEVEL_GATE2 * unknown
     share = max(1.0 - least2 / h2, 0.0) if h2 > 0.0 else 0.0
@@ -172,27 +174,31 @@ def sees_earth_rate(m: StateRecord, par: Parameters, P: Float64) -> bool:
 
 
 @kernel(inline=True)
-def unknown_force(C: Float64, P: Float64, of_accel: Float64, g_e: Float64, g2: float, down: Float64) -> float:
+def unknown_force(
+    C: Float64, P: Float64, of_accel: Float64, g_e: Float64, g2: float, load: float, down: Float64
+) -> float:
     """Return the variance of the horizontal specific force, both axes, by the errors of attitude and accelerometers.
 
-    Equation: df = g x psi - C e, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
+    Equation: df = n g x psi - C e, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
 
-        g^2 tr(P_psi) - g^T P_psi g + tr(P_e) - (C^T u)^T P_e (C^T u) - 2 sum_j (c_j x g) . P_psi,e_j
+        n^2 (g^2 tr(P_psi) - g^T P_psi g) + tr(P_e) - (C^T u)^T P_e (C^T u) - 2 n sum_j (c_j x g) . P_psi,e_j
 
-    with c_j the columns of ``C`` (3, 3).
+    with c_j the columns of ``C`` (3, 3) and -n g the vertical specific force.
 
     Parameters
     ----------
     of_accel : (3, n) as ``accel_error_covariance`` writes them
+    load : n, 1 where the ground or a wing carries the weight, 0 in free fall
     down : (3,) scratch
     """
     for j in range(3):
         down[j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
-    total, inv_g2 = 0.0, 1.0 / g2
+    total, inv_g2, load2 = 0.0, 1.0 / g2, load * load
     for j in range(3):
-        total += g2 * P[PSI + j, PSI + j] + of_accel[j, BA + j]
+        total += load2 * g2 * P[PSI + j, PSI + j] + of_accel[j, BA + j]
         for k in range(3):
             a, b = (k + 1) % 3, (k + 2) % 3
-            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + inv_g2 * down[j] * down[k] * of_accel[j, BA + k]
-            total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * of_accel[j, PSI + k]
+            total -= load2 * g_e[j] * g_e[k] * P[PSI + j, PSI + k]
+            total -= inv_g2 * down[j] * down[k] * of_accel[j, BA + k]
+            total -= 2.0 * load * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * of_accel[j, PSI + k]
     return max(total, 0.0)
