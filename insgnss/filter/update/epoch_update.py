@@ -103,11 +103,10 @@ def update_epoch(
     done = UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
-        step, variance = common_step(
-            lines, kind, values, par.kind[kind].least_step, P[CLOCK + kind, CLOCK + kind]
-        )
+        clock, least = CLOCK + kind, par.kind[kind].least_step
+        step, variance = common_step(lines, kind, values, least, P[clock, clock])
         if step != 0.0:
-            absorb_clock_step(m.clock, P, lines, kind, CLOCK + kind, step, variance)
+            absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
         used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
