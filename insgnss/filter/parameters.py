@@ -153,7 +153,7 @@ def _slow_sizes(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[
         return math.sqrt(max(sigma**2 - held, 0.0))
 
     states = sum(block.size for block in layout.blocks if block.name == RANGE_BIASES)
-    if config.process.range_bias_states:
+    if states or config.process.range_bias_states:
         return states, 0.0, 0.0, 0.0
     ionosphere = beyond(slow.ionosphere, IONOSPHERE)
     gradient = slow.ionosphere * config.slow_errors.ionosphere_gradient_per_1000_km

@@ -37,7 +37,7 @@ from insgnss.filter.state import (
     new_bank,
     select_members,
 )
-from insgnss.filter.states.range_biases import RANGE_BIASES
+from insgnss.filter.states.wanted import SlowSizes
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
@@ -160,8 +160,12 @@ def parameters(layout: Layout) -> npt.NDArray[Any]:
         }
     )
     return resolve_parameters(
-        config, GRADE, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, layout
+        *(config, GRADE, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, layout),
+        slow=SLOW,
     )
+
+
+SLOW = SlowSizes(1.5, 0.05, {"G": 0.5, "E": 0.3})
 
 
 def rows(layout: Layout) -> GnssRows:
@@ -174,7 +178,7 @@ def rows(layout: Layout) -> GnssRows:
         clock_groups=("G", "E"),
         signals={"G": ("C1C",), "E": ("C1C",)},
         carrier=True if layout.clone else None,
-        slow_sigma_m={"G": 0.5, "E": 0.3} if layout.at(RANGE_BIASES) >= 0 else None,
+        slow_sigma_m=SLOW.satellite,
     )
 
 
@@ -217,7 +221,7 @@ def bank(layout: Layout) -> Bank:
         made.state["r_e"][i] = r_e + 1.0
         made.state["clock"][i] = CLOCK_M - 10.0, DRIFT_MPS
         made.P[i] = np.diag(sigma**2)
-    made.head["now_ns"], made.head["next"] = START_NS, 1
+    made.head["now_ns"], made.head["next"], made.head["from_fix"] = START_NS, 1, 1
     return made
 
 

@@ -47,6 +47,19 @@ def range_biases() -> list[Any]:
     return [*short_log(False, True, further=(block,)), changed, lines]
 
 
+def slow_errors() -> list[Any]:
+    """Return what is left of slow errors of which fewer are followed than there are satellites."""
+    layout = layout_with(n_offsets=1)
+    changed, log, par = bank(layout), rows(layout), parameters(layout)
+    changed.slow.S[:, par[0].held[: par[0].n_held]] = np.cos(np.arange(par[0].n_held))
+    par["n_slow"] = 4
+    log.observation["slot"][log.first[1] :] += 20 * N_BANDS  # other satellites from the second epoch on
+    lines = new_epoch(len(SKY), OFFSETS + 1).lines
+    for epoch in range(2):
+        place_range_biases(changed, par[0], log, epoch, lines)
+    return [changed, lines]
+
+
 def between_epochs() -> list[Any]:
     """Return what 1.1 s without measurements make of a filter, and what a later epoch tells of it."""
     layout = layout_with(n_offsets=1)
@@ -81,6 +94,7 @@ CASES = [
     KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
     KernelCase("tests.kernels.rows:uncertain_imu_time", rtol=1e-8),
     KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
+    KernelCase("tests.kernels.rows:slow_errors", rtol=1e-12),
     # a smoothed variance is a tenth of the difference of two, seen through an inverse
     KernelCase("tests.kernels.rows:between_epochs", rtol=1e-7),
     KernelCase("tests.kernels.rows:point_of_the_body", rtol=1e-11),
