@@ -55,8 +55,8 @@ class Vibration(StrictModel):
     gyro_deg2_per_s2_per_hz: tuple[PositiveFloat, ...] = ()
     accel_lines_hz_g: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
     gyro_lines_hz_deg_per_s: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
-    from_s: NonNegativeFloat = Field(0.0, description="it begins, as a motor does")
-    end_s: PositiveFloat | None = Field(None, description="it is over; None: it lasts as long as the log")
+    from_s: NonNegativeFloat = Field(0.0, description="when it begins, as a motor does")
+    end_s: PositiveFloat | None = Field(None, description="when it ends; left out: with the log")
 
     @model_validator(mode="after")
     def _begins_before_it_ends(self) -> Vibration:

@@ -35,13 +35,13 @@ from insgnss.filter.rows.lines import ANTENNA_DTYPE, AntennaState
 from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, SlowErrors, StateRecord
+from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
 from insgnss.filter.update.observe import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
-from insgnss.filter.update.slow_errors import correct_by_own_row
+from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED
@@ -101,7 +101,7 @@ def use_own_rows(
     for i, member in members.items():
         updates[i] = _updated(
             *(bank.state[i], bank.P[i], member, t_ns, par, log_likelihood[i], information[i]),
-            slow=bank.slow if i == lead else None,
+            followed=bank if i == lead else None,
             gate2=setup.config.gates.pseudorange_sigma**2,
             several=len(sound) > 1,
             unused=unused,
@@ -199,7 +199,7 @@ def _updated(
     log_likelihood: Float64,
     information: Float64,
     *,
-    slow: SlowErrors | None,
+    followed: Bank | None,
     gate2: float,
     several: bool,
     unused: frozenset[str] = frozenset(),
@@ -225,8 +225,11 @@ def _updated(
             y, given = scalar_update(P, row.h, row.columns, row.innovation, row.variance, vectors)
             if 0.0 < given < math.inf and math.isfinite(y):
                 log_likelihood[j] = -0.5 * _charge(y * y / given, given, row)
-                if slow is not None:
-                    correct_by_own_row(slow, row.h, row.columns, par.held[: par.n_held], vectors[1])
+                if followed is not None:
+                    held, n_slow = par.held[: par.n_held], followed.head[0].n_slow
+                    correct_by_row_without(
+                        followed.slow, n_slow, row.h, row.columns, held, vectors[1], vectors[2]
+                    )
             else:
                 status = GATED
         if status == USED and several:  # as in ``epoch_update.respond``

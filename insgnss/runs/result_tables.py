@@ -13,8 +13,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.aiding.table import AidingTable
-from insgnss.filter.output.total_sigmas import nav_columns, total_values
-from insgnss.filter.output.writing import NAV_COLUMNS, Output, Table
+from insgnss.filter.output.total_sigmas import nav_columns
+from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.filter.setup import FilterSetup
@@ -86,10 +86,9 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
 def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
     """Return the filter's solution before smoothing: position, velocity and attitude with their sigmas."""
     rows = np.concatenate(parts)
-    kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
-    values = total_values(rows)
-    columns = {NAV_COLUMNS[i]: values[:, i] for i in kept}
-    return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **columns})
+    found = nav_columns(rows, with_shares=False)
+    kept = {name: values for name, values in found.items() if not re.search("bias|drift|^n_", name)}
+    return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **kept})
 
 
 def ledger_tables(

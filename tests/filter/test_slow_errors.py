@@ -8,7 +8,7 @@ import pytest
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.state import CLOCK, DR, MAX_SLOW, N_PATTERNS, OFFSETS, SlowErrors, no_slow_errors
 from insgnss.filter.update.range_biases import forget_effect
-from insgnss.filter.update.slow_errors import correct_by_own_row, correct_effect, correct_remainder, fade
+from insgnss.filter.update.slow_errors import correct_by_row_without, correct_effect, correct_remainder, fade
 
 N = OFFSETS + 2
 HELD = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS, OFFSETS + 1])
@@ -74,10 +74,10 @@ def test_own_row_corrects_as_a_row_without_errors() -> None:
     slow.R[:] = B @ B.T
     other.S[:], other.R[:] = slow.S, slow.R
     h, gain = rng.standard_normal(5), rng.standard_normal(N)
-    correct_by_own_row(slow, h, COLUMNS, HELD, gain)
-    for i in range(N_ERRORS):
-        correct_effect(other.S[i], h, COLUMNS, HELD, gain, 0.0)
-    correct_remainder(other.R, h, COLUMNS, HELD, gain, np.zeros(N))
+    correct_by_row_without(slow, N_ERRORS, h, COLUMNS, HELD, gain, np.zeros(N))
+    A = np.eye(N)
+    A[np.ix_(HELD, COLUMNS)] -= np.outer(gain[HELD], h)
+    other.S[:], other.R[:] = other.S @ A.T, A @ other.R @ A.T
     np.testing.assert_allclose(slow.S, other.S, atol=1e-12)
     np.testing.assert_allclose(slow.R, other.R, atol=1e-12)
 

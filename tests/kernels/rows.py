@@ -48,7 +48,7 @@ def range_biases() -> list[Any]:
 
 
 def slow_errors() -> list[Any]:
-    """Return what is left of slow errors of which fewer are followed than there are satellites."""
+    """Return bank and lines of a log with more satellites than places for their slow errors."""
     layout = layout_with(n_offsets=1)
     changed, log, par = bank(layout), rows(layout), parameters(layout)
     changed.slow.S[:, par[0].held[: par[0].n_held]] = np.cos(np.arange(par[0].n_held))

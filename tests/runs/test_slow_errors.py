@@ -70,7 +70,7 @@ def air(ionosphere_m: float, troposphere_m: float) -> Disturbance:
 
 @pytest.mark.parametrize(("ionosphere_m", "troposphere_m"), [(1.5, 0.0), (0.0, 0.1)])
 def test_air_moves_the_position_by_its_sigma(ionosphere_m: float, troposphere_m: float) -> None:
-    """An error of one sigma moves the estimate by the share that is told, whatever the filter has done since."""
+    """An error of one sigma moves the estimate by `sd_slow_*`, at each epoch."""
     sizes = {"ionosphere_zenith_m": ionosphere_m, "troposphere_zenith_m": troposphere_m}
     config = tight17(**sizes, **FOREVER)
     plain = flown(air(0.0, 0.0), config)

@@ -326,7 +326,7 @@ def use_rows(
             r = line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], spread * r, vectors)
             if 0.0 < S < math.inf and math.isfinite(y):
-                keep_gain(vectors, j, kind)
+                keep_gain(vectors, j, kind, P.shape[0])
                 total -= 0.5 * y * y / S
                 ratio = S / (spread * r)
                 if not (_SMALL < ratios * ratio < _LARGE and _SMALL < noise * r < _LARGE):

@@ -28,8 +28,8 @@ from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
 from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
-from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_PATTERNS, OFFSETS, Bank, SlowErrors
-from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
+from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, N_PATTERNS, OFFSETS, Bank, SlowErrors
+from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
@@ -38,15 +38,15 @@ from insgnss.tables import Float64, Int64
 _GRADIENT_PER_M: Final = 1e-6  # gradients are per 1000 km
 _LEAST_SINE: Final = 0.05  # of the troposphere's mapping, below 3 deg
 _UNKNOWN_M2: Final = 1e8  # (10 km)^2
-_LEAST_COSINE: Final = 1e-9  # of the elevation: straight up there is no azimuth, and no way to the shell
+_LEAST_COSINE: Final = 1e-9  # of the elevation: at the zenith the azimuth is undefined
 
 
 @kernel(inline=True)
-def keep_gain(vectors: Float64, j: int, kind: int) -> None:
-    """Keep the gain of a row used just now, where there is room for it: a range's or a carrier difference's."""
+def keep_gain(vectors: Float64, j: int, kind: int, n: int) -> None:
+    """Keep the gain (n,) of a row used just now, where there is room for it: a range's or a carrier difference's."""
     at = gain_row(j, kind)
     if kind != RANGE_RATE and at < vectors.shape[0]:
-        for c in range(vectors.shape[1]):
+        for c in range(n):
             vectors[at, c] = vectors[1, c]
 
 
@@ -75,9 +75,11 @@ def follow_slow_errors(
                 continue
             h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
             gain = s.vectors[gain_row(j, kind)]
+            if kind == CARRIER:
+                correct_by_row_without(slow, n, h, columns, held, gain, s.vectors[2])
+                continue
             for i in range(n):
-                load = load_of(line, row, i) if kind == PSEUDORANGE else 0.0
-                correct_effect(slow.S[i], h, columns, held, gain, load)
+                correct_effect(slow.S[i], h, columns, held, gain, load_of(line, row, i))
             correct_remainder(slow.R, h, columns, held, gain, s.vectors[2])
     if par.at_clone >= 0:
         clone_effects(slow, n, held, par.at_clone)
@@ -95,14 +97,11 @@ def place_slow_variances(bank: Bank, par: Parameters, rows: GnssRows, epoch: int
         line.slow = 0.0
         if n == 0 or line.status[PSEUDORANGE] != USED:
             continue
-        place_loads(par, row, line, line.load)
+        place_loads(par, row, line)
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
         line.slow = predicted_variance(bank.slow.R, h, columns)
         for i in range(n):
-            left = load_of(line, row, i)
-            for a in range(columns.shape[0]):
-                left -= h[a] * S[i, columns[a]]
-            line.slow += left * left
+            line.slow += not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
 
 
 @kernel(inline=True)
@@ -161,11 +160,18 @@ def place_effects_of_fix(
 
 
 @kernel(inline=True)
-def correct_effect(e: Float64, h: Float64, columns: Int64, held: Int64, gain: Float64, load: float) -> None:
-    """Correct the effect ``e`` (n,) of one error by a row of the gain K: e <- e + K (load - h e)."""
+def not_taken(e: Float64, h: Float64, columns: Int64, load: float) -> float:
+    """Return load - h e: the part of an error's effect on a row that the state has not taken."""
     left = load
     for a in range(columns.shape[0]):
         left -= h[a] * e[columns[a]]
+    return left
+
+
+@kernel(inline=True)
+def correct_effect(e: Float64, h: Float64, columns: Int64, held: Int64, gain: Float64, load: float) -> None:
+    """Correct the effect ``e`` (n,) of one error by a row of the gain K: e <- e + K (load - h e)."""
+    left = not_taken(e, h, columns, load)
     for c in held:
         e[c] += gain[c] * left
 
@@ -173,15 +179,8 @@ def correct_effect(e: Float64, h: Float64, columns: Int64, held: Int64, gain: Fl
 @kernel(inline=True)
 def correct_remainder(R: Float64, h: Float64, columns: Int64, held: Int64, gain: Float64, d: Float64) -> None:
     """Correct what earlier errors have left by a row: R <- (I - K h) R (I - K h)^T; ``d`` (n,) is scratch."""
-    for c in held:
-        d[c] = 0.0
-        for a in range(columns.shape[0]):
-            d[c] += h[a] * R[columns[a], c]
-    total = 0.0
-    for a in range(columns.shape[0]):
-        for c in held:
-            if c == columns[a]:
-                total += h[a] * d[c]
+    covariance_with(R, h, columns, d)
+    total = predicted_variance(R, h, columns)
     for b in held:
         for c in held:
             R[b, c] += gain[b] * (total * gain[c] - d[c]) - d[b] * gain[c]
@@ -190,7 +189,7 @@ def correct_remainder(R: Float64, h: Float64, columns: Int64, held: Int64, gain:
 @kernel(inline=True)
 def clone_effects(slow: SlowErrors, n: int, held: Int64, at_clone: int) -> None:
     """Make this epoch's position and clock those that the next epoch's carrier differences count from."""
-    for k in range(4):
+    for k in range(N_CLONE):
         of, to = (CLOCK if k == CLONE_CLOCK else DR + k), at_clone + k
         for i in range(n):
             slow.S[i, to] = slow.S[i, of]
@@ -201,9 +200,9 @@ def clone_effects(slow: SlowErrors, n: int, held: Int64, at_clone: int) -> None:
 
 
 @kernel(inline=True)
-def place_loads(par: Parameters, row: Observation, line: Line, load: Float64) -> None:
-    """Write what one sigma of each error of the whole sky does to a pseudorange (N_PATTERNS,) [m]."""
-    north, east, sine = line.u_n[0], line.u_n[1], -line.u_n[2]
+def place_loads(par: Parameters, row: Observation, line: Line) -> None:
+    """Write the effect of one sigma of each error of the whole sky on a line's pseudorange."""
+    load, north, east, sine = line.load, line.u_n[0], line.u_n[1], -line.u_n[2]
     cosine = math.sqrt(north * north + east * east)
     mapping = row.ionosphere_factor * shell_mapping(sine)
     # from the receiver to where the line of sight pierces the shell, along the ground
@@ -215,10 +214,11 @@ def place_loads(par: Parameters, row: Observation, line: Line, load: Float64) ->
     load[3] = par.slow_troposphere / max(sine, _LEAST_SINE)
 
 
-def correct_by_own_row(slow: SlowErrors, h: Float64, columns: Int64, held: Int64, gain: Float64) -> None:
-    """Correct all effects by a row without such errors: S <- S - K h S and R as in ``correct_remainder``."""
-    K = np.zeros(len(slow.R))
-    K[held] = gain[held]
-    slow.S[:] -= np.outer(slow.S[:, columns] @ h, K)
-    Rh = slow.R[:, columns] @ h
-    slow.R[:] += np.outer(K, (Rh[columns] @ h) * K - Rh) - np.outer(Rh, K)
+@kernel
+def correct_by_row_without(
+    slow: SlowErrors, n: int, h: Float64, columns: Int64, held: Int64, gain: Float64, d: Float64
+) -> None:
+    """Correct all effects by a row without slow errors: a carrier difference, or a further sensor's or a user's own."""
+    for i in range(n):
+        correct_effect(slow.S[i], h, columns, held, gain, 0.0)
+    correct_remainder(slow.R, h, columns, held, gain, d)
