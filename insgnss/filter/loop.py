@@ -21,6 +21,8 @@ from insgnss.filter.output.writing import (
     MASKING_WAITS,
     MEASUREMENTS_BACK,
     NO_MEASUREMENTS,
+    RANGES_NOISY,
+    RATES_NOISY,
     Output,
     Table,
     log_event,
@@ -35,7 +37,7 @@ from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_matrix,
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import UpdateOutcome, update_epoch
 from insgnss.filter.update.range_biases import place_range_biases
-from insgnss.gnss.observation_rows import GnssRows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 
 # why the loop stopped
@@ -50,6 +52,7 @@ SUSPICION: Final = 6  # all satellites contradict the prediction again and again
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
 _UNCERTAIN_APART_S = 10.0
+_NOISY: Final = 9.0  # times the variance before: of less the sigmas alone give notice
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
@@ -296,6 +299,11 @@ def update_bank(
     if done.drift_step != 0.0:
         log_event(out.events, out.counts[0], t_ns, DRIFT_STEP, done.drift_step)
         bank.head[0].renewed_ns = t_ns
+    risen = bank.state[lead].level_risen
+    if risen[PSEUDORANGE] > _NOISY:
+        log_event(out.events, out.counts[0], t_ns, RANGES_NOISY, math.sqrt(risen[PSEUDORANGE]))
+    if risen[RANGE_RATE] > _NOISY:
+        log_event(out.events, out.counts[0], t_ns, RATES_NOISY, math.sqrt(risen[RANGE_RATE]))
     if par.visibility != 0:
         note_masking(bank.head[0], bank.state[lead], out, t_ns)
     note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)

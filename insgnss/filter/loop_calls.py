@@ -17,7 +17,7 @@ from insgnss.filter.output.writing import mixture_covariance, new_output, write_
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.prediction import ImuSamples, carry, carry_bank, predict_covariance, propagate_covariance
 from insgnss.filter.state import new_bank
-from insgnss.filter.update.adaptation import adapt_noise
+from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import turn_attitude_errors
 from insgnss.filter.update.consistency import refuse_inconsistent
@@ -83,6 +83,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
         place_slow_variances: (bank, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
+        raise_level: (m, lines, ANY_N, s.fit, values, par),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),
         is_prunable: (bank, ANY_N, ANY_X),
         note_sideslip: (bank.head[0], m, P, ANY_N),

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.visibility import UNDECIDED
-from insgnss.gnss.observation_rows import N_SATELLITE_SLOTS, N_SLOTS
+from insgnss.gnss.observation_rows import N_KINDS, N_SATELLITE_SLOTS, N_SLOTS
 from insgnss.inertial.error_state import BA as BA
 from insgnss.inertial.error_state import BG as BG
 from insgnss.inertial.error_state import CLOCK as CLOCK
@@ -45,6 +45,7 @@ N_MEMORY: Final = 10  # numbers kept of each band of a satellite
 N_FACTORS: Final = 5
 DRIFT_FACTOR: Final = 3
 BIAS_FACTOR: Final = 4
+LEVEL_EPOCHS: Final = 5  # for which a level of the settings counts
 
 STATE_NAMES: Final = (
     *(f"{name}_{axis}" for name in ("dr_e", "dv_e", "psi_e") for axis in "xyz"),
@@ -94,6 +95,8 @@ class StateRecord(Record):
     noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
     adapted_ns: int  # when they were last moved
     adapted_count: int
+    level_epochs: Annotated[Int64, N_KINDS]  # over how many epochs the level of a kind was learnt
+    level_risen: Annotated[Float64, 2]  # by how much an epoch raised one that was settled; 0: it did not
     explained: Annotated[
         Float64, 2, 3
     ]  # means of the epochs' deviation from the prediction, see ``integrity``
@@ -184,6 +187,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state = np.zeros(n_hypotheses, STATE_DTYPE)
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
+    state["level_epochs"] = LEVEL_EPOCHS
     memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     P, slow = np.zeros((n_hypotheses, n, n)), no_slow_errors(n)
@@ -214,10 +218,13 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.q_eb[i] = source.q_eb[i]
     for i in range(2):
         target.clock[i], target.air_clone[i] = source.clock[i], source.air_clone[i]
+        target.level_risen[i] = source.level_risen[i]
     for i in range(MAX_OPTIONAL):
         target.optional[i] = source.optional[i]
     for i in range(N_FACTORS):
         target.noise_factor[i] = source.noise_factor[i]
+    for i in range(N_KINDS):
+        target.level_epochs[i] = source.level_epochs[i]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
     target.swung_ns = source.swung_ns
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (

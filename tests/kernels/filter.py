@@ -38,7 +38,7 @@ from insgnss.filter.state import (
     select_members,
 )
 from insgnss.filter.states.wanted import SlowSizes
-from insgnss.filter.update.adaptation import adapt_noise
+from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.epoch_update import UpdateOutcome, counted_again
@@ -358,6 +358,10 @@ def crowd(noise: float) -> list[Any]:
         follow_explained(m, P, par, lines, fit, t_ns)
         again = counted_again(UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
         found += [lines["status"].copy(), np.array(again)]
+        for kind in range(2):
+            lines["status"][:, kind] = USED
+            raise_level(m, lines, kind, fit, np.zeros(10), par)
+        found += [lines["variance"].copy(), m["level_risen"].copy()]
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
 
 

@@ -67,6 +67,8 @@ MEASUREMENTS_BACK: Final = np.int64(4)  # a: seconds without
 MASKING_WAITS: Final = np.int64(5)
 MASKING_ON: Final = np.int64(6)
 MASKING_UNCERTAIN: Final = np.int64(7)  # a: satellites over epochs
+RANGES_NOISY: Final = np.int64(8)  # a: by how much their sigma has risen
+RATES_NOISY: Final = np.int64(9)  # the same
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -207,6 +209,9 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
             f"{a:.0f} satellite-epochs too near to the visibility edge for this attitude's uncertainty{why}"
         )
         return Event(t_ns, "masking_uncertain", detail)
+    if kind in (RANGES_NOISY, RATES_NOISY):
+        rows = "pseudoranges" if kind == RANGES_NOISY else "range rates"
+        return Event(t_ns, "noise_risen", f"the noise of all {rows} has risen to {a:.0f} times what it was")
     return Event(t_ns, f"kind_{kind}", f"{a}")
 
 

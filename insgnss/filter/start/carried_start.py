@@ -325,6 +325,6 @@ def _carry_values(
         if agrees and P[at, at] > variance:
             P[at, :] = P[:, at] = 0.0  # a tie that the carried value replaces
             m.optional[value], P[at, at] = old.optional[value], variance
-    m.noise_factor[:] = old.noise_factor
+    m.noise_factor[:], m.level_epochs[:] = old.noise_factor, old.level_epochs
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
     m.cn0_level, m.cn0_level_ns = old.cn0_level, old.cn0_level_ns

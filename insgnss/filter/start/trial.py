@@ -160,7 +160,14 @@ class StartValidation:
         if found is None:
             self.over = t_ns - self.since_ns > _PATIENCE_NS
             return
-        for name in ("noise_factor", "adapted_ns", "adapted_count", "cn0_level", "cn0_level_ns"):
+        for name in (
+            "noise_factor",
+            "level_epochs",
+            "adapted_ns",
+            "adapted_count",
+            "cn0_level",
+            "cn0_level_ns",
+        ):
             found.state[name] = lead[name]
         self.bank = joined_banks(bank, found)
         self.bank.head["more_than_headings"] = 1

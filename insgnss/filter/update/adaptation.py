@@ -8,12 +8,11 @@ multipath at rest) do not show in what is left: they are in no sigma.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
-from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
+from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, LEVEL_EPOCHS, StateRecord
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
@@ -26,14 +25,14 @@ from insgnss.filter.update.integrity import (
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
 from insgnss.kernels.jit import kernel
-from insgnss.status import GATED, USED
+from insgnss.status import USED
 from insgnss.tables import Float64
 
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
 _LARGEST_STEP: Final = 9.0
-_STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas
-_STORM_GAIN: Final = 0.2
+_STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas ...
+_FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs
 _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _BIAS_GAIN: Final = 0.1  # per second: a crystal does not change, and one value says little
@@ -66,25 +65,54 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     return factor * total / used if used >= _LEAST_RESIDUALS else factor
 
 
+@kernel(apart=True)
+def raise_level(
+    m: StateRecord,
+    lines: Lines,
+    kind: int,
+    fit: Float64,
+    values: Float64,
+    par: Parameters,
+) -> None:
+    """Raise the level of a kind where an epoch that is not judged yet shows that it is far too low.
+
+    A gate at the old level would refuse the loudest rows, and what is left would count as quiet as before. What was
+    learnt until now says nothing about the new level: learning starts again with this epoch.
+    """
+    m.level_risen[kind] = 0.0
+    if par.adapt_gain <= 0.0:
+        return
+    ratio = storm_ratio(lines, kind, fit, values)
+    if not ratio > 1.0:
+        return
+    before = m.noise_factor[kind]
+    m.noise_factor[kind] = bounded(before * ratio, par)
+    risen = m.noise_factor[kind] / before
+    for j in range(lines.shape[0]):
+        if lines[j].status[kind] == USED:
+            lines[j].variance[kind] *= risen
+    if m.level_epochs[kind] > LEVEL_EPOCHS:
+        m.level_risen[kind] = risen
+    m.level_epochs[kind] = 0
+
+
 @kernel(inline=True)
 def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float:
-    """Return by how much most rows of a kind are worse than assumed, those that the gate refused included.
+    """Return by how much most rows of a kind are worse than assumed; 1 where they are not, or too few.
 
-    The median of squares, against the prediction and against the rows' common part: the smaller of both counts.
-    A few satellites that are wrong do not move the first, a wrong prediction does not move the second.
+    The median of squares, against the prediction and against the rows' common part. Both must be beyond chance: a few
+    satellites that are wrong do not move the first, a wrong prediction does not move the second. Then the larger
+    counts, as the median of a few rows often is far too small.
     """
-    least = math.inf
-    refused = 0
+    largest = 1.0
     for turn in range(2):
         if turn == 1 and fit_freely(lines, kind, fit) == 0 and not fit_all(lines, kind, fit):
-            return 0.0
+            return 1.0
         n = 0
-        refused = 0
         for j in range(lines.shape[0]):
             line: Line = lines[j]
-            if line.status[kind] != USED and line.status[kind] != GATED:
+            if line.status[kind] != USED:
                 continue
-            refused += 1 if line.status[kind] == GATED else 0
             rest = line.innovation[kind]
             own = line.variance[kind] + line.predicted[kind]
             if turn == 1:
@@ -93,10 +121,13 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
                 own = max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
             values[n] = rest * rest / own
             n += 1
-        if n < _LEAST_RESIDUALS + 1 or 3 * refused < n:
-            return 0.0
-        least = min(least, median_of(values, n) / _MEDIAN_SQUARE)
-    return least
+        if n <= _LEAST_RESIDUALS:
+            return 1.0
+        ratio = median_of(values, n) / _MEDIAN_SQUARE
+        if not ratio > max(_STORM, 1.0 + _FEW / n):
+            return 1.0
+        largest = max(largest, ratio)
+    return largest
 
 
 @kernel(apart=True)
@@ -124,7 +155,7 @@ def adapt_noise(
     """
     if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < INTERVAL_NS:
         return
-    lines, fit, correction, values = s.lines[:n], s.fit, s.vectors[0], s.vectors[3]
+    lines, fit, correction = s.lines[:n], s.fit, s.vectors[0]
     m.adapted_ns = t_ns
     m.adapted_count += 1
     gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))
@@ -132,16 +163,14 @@ def adapt_noise(
     at_rest = v2 < _REST_SPEED_MPS**2
     for kind in range(N_KINDS if par.at_clone >= 0 else CARRIER):
         factor = m.noise_factor[kind]
-        storm = storm_ratio(lines, kind, fit, values) if kind != CARRIER else 0.0
-        if storm > _STORM:
-            m.noise_factor[kind] = bounded(factor * (1.0 + _STORM_GAIN * (storm - 1.0)), par)
-            continue
+        m.level_epochs[kind] += 1
         if not explain(prior, lines, kind, fit):
             continue
         wanted = parity_ratio(lines, kind, fit, factor)
         if kind == 0 and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
-        m.noise_factor[kind] = bounded(factor + gain * (wanted - factor), par)
+        share = max(par.adapt_gain, 1.0 / m.level_epochs[kind])
+        m.noise_factor[kind] = bounded(factor + share * (wanted - factor), par)
     expected = drift_variance - P[DRIFT, DRIFT]
     if expected > 0.0 and m.adapted_count > 5:
         ratio = min(correction[DRIFT] * correction[DRIFT] / expected, _LARGEST_STEP)

@@ -22,7 +22,7 @@ from insgnss.filter.state import (
     StateRecord,
     copy_matrix,
 )
-from insgnss.filter.update.adaptation import adapt_noise
+from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
@@ -104,6 +104,7 @@ def update_epoch(
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
         clock, least = CLOCK + kind, par.kind[kind].least_step
+        raise_level(m, lines, kind, s.fit, values, par)
         step, variance = common_step(lines, kind, values, least, P[clock, clock])
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)

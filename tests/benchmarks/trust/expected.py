@@ -22,9 +22,6 @@ LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it need
 UNSEEN: Final = (
     "until the fault shows, the heading is off by 0.1 deg and its sigma is 0.02: no test is faster"
 )
-STORM: Final = (
-    "in the first epochs of louder noise the rows that pass the gates count with the level before it"
-)
 CAUTIOUS: Final = (
     "the filter lets 5 % of a scale factor change, which at two turns a second is most of its sigma: the simulated"
     " one stays"
@@ -37,7 +34,6 @@ NOW: Final = (
     Mark("fault_ramp_2sv_0.5mps", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_gyro_step", "*", A6),
     Mark("fault_ramp_3sv_1mps", "*", A6),
-    Mark("fault_noise_20", "*", STORM, in_tests=False),
     Mark("sounding_rocket", "nees tilt end", CAUTIOUS, in_tests=False),
     Mark("sounding_rocket", "nees yaw end", CAUTIOUS, in_tests=False),
 )

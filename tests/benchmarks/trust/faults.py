@@ -152,8 +152,9 @@ def _measurements() -> tuple[Row, ...]:
             "fault_noise_20",
             "noise of ranges and rates 20 times the ordinary for 60 s",
             spoiling.noise_times(20.0, LASTS_S),
-            honest("since", limit=SIGMAS),
+            (*honest("since", limit=SIGMAS), REPORTED),
             windows=since,
+            event="noise_risen",
             in_tests=True,
         ),
         _row(
