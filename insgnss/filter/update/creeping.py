@@ -81,13 +81,13 @@ def follow_satellites(
 ) -> bool:
     """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
 
-    Return whether any is refused. ``memory`` is (slots, N_MEMORY), see the names above.
+    Those that were left out already are refused (``refuse_left_out``): they do not take part in what all have in
+    common. Return whether any more are. ``memory`` is (slots, N_MEMORY), see the names above.
     """
     if par.drift_gate <= 0.0:
         return False
     now = t_ns * 1e-9
-    # they do not take part in what all have in common
-    refused = refuse_left_out(memory, lines, observation, now)
+    refused = False
     if t_ns - m.explained_ns >= INTERVAL_NS:
         for kind in range(2):
             if fit_freely(lines, kind, fit) < LEAST_AGREEING:

@@ -26,7 +26,7 @@ from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
-from insgnss.filter.update.creeping import follow_satellites
+from insgnss.filter.update.creeping import follow_satellites, refuse_left_out
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.far_prior import is_far, observe_nearer
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
@@ -102,9 +102,11 @@ def update_epoch(
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
+    if par.drift_gate > 0.0:
+        refuse_left_out(bank.memory[member], lines, observation, t_ns * 1e-9)
     for kind in range(2):
         clock, least = CLOCK + kind, par.kind[kind].least_step
-        raise_level(m, lines, kind, s.fit, values, par)
+        raise_level(m, lines, kind, P[clock, clock], s.fit, values, par)
         step, variance = common_step(lines, kind, values, least, P[clock, clock])
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)

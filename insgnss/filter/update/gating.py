@@ -110,8 +110,13 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
 @kernel(inline=True)
 def whole_variance(line: Line, kind: int) -> float:
     """Return the variance of an innovation, of a pseudorange with the slow errors."""
-    slow = line.slow if kind == PSEUDORANGE else 0.0
-    return float(line.predicted[kind] + line.variance[kind] + slow)
+    return float(line.predicted[kind] + line.variance[kind] + slow_variance(line, kind))
+
+
+@kernel(inline=True)
+def slow_variance(line: Line, kind: int) -> float:
+    """Return what slow errors that the state has not taken yet add to the variance of an innovation."""
+    return float(line.slow) if kind == PSEUDORANGE else 0.0
 
 
 @kernel(inline=True)
