@@ -215,12 +215,12 @@ def run_epochs(
 
 @kernel(inline=True)
 def is_suspect(m: StateRecord, doubted_ns: int, t_ns: int, limit: float) -> bool:
-    """Return whether to search for a fault: an undecided one waits until ``doubted_ns``."""
+    """Return whether there is a fault to report, or from ``doubted_ns`` on one to search for."""
     if limit <= 0.0:
         return False
-    if m.stuck_since_ns == t_ns:
+    if m.stuck_since_ns == t_ns or m.crept_ns == t_ns:
         return True
-    return bool(t_ns >= doubted_ns and (m.suspicion > limit or m.crept_ns == t_ns))
+    return bool(t_ns >= doubted_ns and m.suspicion > limit)
 
 
 @kernel(inline=True)

@@ -100,7 +100,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         fit_all: (lines, ANY_N, s.fit),
         follow_explained: (m, P, par, lines, s.fit, ANY_N),
         gate_between: (P, lines, vectors, ANY_X),
-        refuse_inconsistent: (P, lines, ANY_X, ANY_N),
+        refuse_inconsistent: (P, lines, ANY_N, ANY_X),
         predict_covariance: (m, P, par, scratch),
         carry_bank: (bank, ANY_N, imu, par, scratch),
         heading_variance: (bank,),

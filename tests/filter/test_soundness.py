@@ -79,14 +79,14 @@ def test_an_epoch_of_lost_numbers_refuses_no_row_as_inconsistent(spoil: str) -> 
     else:
         lines[spoil][3, 0] = math.nan
 
-    assert refuse_inconsistent(P, lines, 9.0, 3) == 0
+    assert refuse_inconsistent(P, lines, 0, 9.0) == 0
     assert (lines["status"][:, 0] == USED).all()
 
 
 def test_what_the_search_finds_in_sound_numbers_has_not_changed() -> None:
     P, lines = wrong_rows()
 
-    assert refuse_inconsistent(P, lines, 9.0, 3) == 2
+    assert refuse_inconsistent(P, lines, 0, 9.0) == 2
     assert np.flatnonzero(lines["status"][:, 0] == consistency.INCONSISTENT).tolist() == [2, 7]
 
 

@@ -101,15 +101,17 @@ class FilterHealth:
             return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
         was = self.past.banks[:1]
         crept = int(bank.state[0].crept_ns) == t_ns
+        # where all range rates are noisy, one satellite that stands out for a while is not worth an event
+        news = crept and bank.state[0].noise_factor[RANGE_RATE] < NOISY
+        if t_ns < bank.head[0].doubted_ns:
+            return Remedy(bank, self._creeping(bank, t_ns) if news else [])
         if crept:
             verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
         else:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
-            # where all range rates are noisy, one satellite that stands out for a while is not worth an event
-            news = crept and bank.state[0].noise_factor[RANGE_RATE] < NOISY
-            return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if news else [])
+            return Remedy(bank, self._creeping(bank, t_ns) if news else [])
         event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return Remedy(bank, self._told(event))
@@ -224,6 +226,9 @@ class FilterHealth:
             far = f"the position is {moved_m / 1000.0:.0f} km away: the attitude was levelled elsewhere"
             return Remedy(bank, [], far)
         return Remedy(found, [reset_in_words(t_ns, bank, found, doubt)])
+
+    def _creeping(self, bank: Bank, t_ns: int) -> list[Event]:
+        return self._told(creeping_in_words(t_ns, left_out(bank, t_ns)))
 
     def _told(self, event: Event) -> list[Event]:
         """Return an event of something that lasts, once a minute at most."""

@@ -1,4 +1,4 @@
-"""Which pseudoranges of an epoch contradict the others: a search over subsets, bounded in cost, compiled.
+"""Which rows of an epoch contradict the others: a search over subsets, bounded in cost, compiled.
 
 Taking out the row that stands out most, again and again, fails where several are wrong at once: under a wide prior
 three wrong rows of twelve pull the solution so far that in one case of four a sound row stands out most. Here all sets
@@ -15,7 +15,6 @@ import numpy as np
 
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.scalar_update import predicted_variance
-from insgnss.gnss.observation_rows import PSEUDORANGE
 from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
@@ -28,21 +27,21 @@ _NONE: Final = -1
 
 
 @kernel(inline=True)
-def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, spread: float) -> bool:
-    """Return whether a used pseudorange's residual after the update may be beyond the gate.
+def disagrees(P: Float64, lines: Lines, kind: int, correction: Float64, gate2: float, spread: float) -> bool:
+    """Return whether a used row's residual after the update may be beyond the gate.
 
     Equation: e = z - h x+, var e >= (spread r - h P+ h^T) / spread, the update having taken r ``spread`` times
     """
     beyond = False
     for j in range(lines.shape[0]):
         line: Line = lines[j]
-        if line.status[PSEUDORANGE] != USED:
+        if line.status[kind] != USED:
             continue
-        h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
-        residual = line.innovation[PSEUDORANGE]
+        h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
+        residual = line.innovation[kind]
         for a in range(columns.shape[0]):
             residual -= h[a] * correction[columns[a]]
-        r = line.variance[PSEUDORANGE]
+        r = line.variance[kind]
         # most rows are far from the gate, whatever their redundancy
         if residual * residual > gate2 * LEAST_REDUNDANCY * r:
             variance = max(r - predicted_variance(P, h, columns) / spread, LEAST_REDUNDANCY * r)
@@ -51,8 +50,8 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
 
 
 @kernel(apart=True)
-def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> int:
-    """Mark the pseudoranges that the others contradict, ``most`` of them at most; return how many.
+def refuse_inconsistent(P: Float64, lines: Lines, kind: int, gate2: float) -> int:
+    """Mark the rows of a kind that the others contradict, a third of them at most; return how many.
 
     Equation: with the innovations y of covariance S = H P H^T + R at the prior and W = S^-1, a row's distance from all
     others is w^2 = (W y)_j^2 / W_jj; a set's (W y)_J^T W_JJ^-1 (W y)_J is by how much y^T W y falls without it
@@ -63,18 +62,18 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
     index = np.empty(lines.shape[0], np.int64)
     n = 0
     for j in range(lines.shape[0]):
-        if lines[j].status[PSEUDORANGE] == USED:
+        if lines[j].status[kind] == USED:
             index[n] = j
             n += 1
     if n < LEAST_WITNESSES:
         return 0
     T = np.empty((n, n + 1))
-    write_innovations(T, P, lines, index[:n])
+    write_innovations(T, P, lines, kind, index[:n])
     active = np.ones(n, np.int64)
     for j in range(n):
         if not exchange(T, j):
             return 0
-    removed = 0
+    most, removed = n // 3, 0
     while removed < most and farthest(T, active, 1)[1] > gate2:
         size = remove_smallest_set(T, active, gate2, most - removed)
         if size == 0:
@@ -88,26 +87,26 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
         removed -= 1
     for a in range(n):
         if active[a] == 0:
-            lines[index[a]].status[PSEUDORANGE] = INCONSISTENT
+            lines[index[a]].status[kind] = INCONSISTENT
     return removed
 
 
 @kernel(inline=True)
-def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> None:
+def write_innovations(T: Float64, P: Float64, lines: Lines, kind: int, index: Int64) -> None:
     """Write S and behind it y of the rows ``index`` (n,) into ``T`` (n, n + 1)."""
     n = index.shape[0]
     for a in range(n):
         one = lines[index[a]]
         for b in range(a + 1):
             other = lines[index[b]]
-            total = one.variance[PSEUDORANGE] if a == b else 0.0
-            for i in range(one.count[PSEUDORANGE]):
-                for k in range(other.count[PSEUDORANGE]):
-                    p = P[one.columns[PSEUDORANGE, i], other.columns[PSEUDORANGE, k]]
-                    total += one.h[PSEUDORANGE, i] * p * other.h[PSEUDORANGE, k]
+            total = one.variance[kind] if a == b else 0.0
+            for i in range(one.count[kind]):
+                for k in range(other.count[kind]):
+                    p = P[one.columns[kind, i], other.columns[kind, k]]
+                    total += one.h[kind, i] * p * other.h[kind, k]
             T[a, b] = total
             T[b, a] = total
-        T[a, n] = one.innovation[PSEUDORANGE]
+        T[a, n] = one.innovation[kind]
 
 
 @kernel(inline=True)

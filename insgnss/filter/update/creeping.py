@@ -43,7 +43,7 @@ from insgnss.filter.update.integrity import (
 )
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
-from insgnss.status import DRIFTING, GATED, USED
+from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
@@ -51,6 +51,8 @@ from insgnss.tables import Float64, Int64
 # the range rate that may repeat, and the satellite's own and the row's variance when it began [m/s], [m^2/s^2]
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
+# since when the others have contradicted its range rate, and when they did so last [s]
+CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
 
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
@@ -60,6 +62,7 @@ _ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
 # that long a band stays out once it was found by range or rate: turns hide satellites
 _HELD_S: Final = (3.0, 20.0)
+_CONTRADICTED_S: Final = 2.0  # for so long on end: a reflection of a moving antenna's lasts for less
 # how long a satellite stays out while its rows cannot show whether it is still wrong
 KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
@@ -105,6 +108,37 @@ def follow_satellites(
                     if kind == RANGE_RATE:
                         m.crept_ns = t_ns
     return refused
+
+
+@kernel(inline=True)
+def hold_contradicted(
+    m: StateRecord, memory: Float64, lines: Lines, observation: Observations, t_ns: int
+) -> None:
+    """Leave out from the next epoch on the satellites whose range rate the others contradict again and again.
+
+    In turns satellites come and go: of those that run away together too many may be left among a few for any epoch to
+    tell. Where more than a third is contradicted nothing is known of any.
+    """
+    now, refused, n = t_ns * 1e-9, 0, 0
+    for j in range(lines.shape[0]):
+        status = lines[j].status[RANGE_RATE]
+        if status == GATED or status == INCONSISTENT:
+            refused += 1
+        if status == GATED or status == INCONSISTENT or status == USED:
+            n += 1
+    if n < LEAST_WITNESSES or 3 * refused > n:
+        return
+    for j in range(lines.shape[0]):
+        status, mean = lines[j].status[RANGE_RATE], memory[observation[j].slot]
+        if status == USED:
+            mean[CONTRADICTED_S] = -math.inf
+        elif status == GATED or status == INCONSISTENT:
+            if not now - mean[CONTRADICTED_S] <= _FORGOTTEN_S:
+                mean[CONTRADICTED_SINCE_S] = now
+            mean[CONTRADICTED_S] = now
+            if now - mean[CONTRADICTED_SINCE_S] >= _CONTRADICTED_S:
+                mean[LEFT_OUT_S] = now + _HELD_S[RANGE_RATE]
+                m.crept_ns = t_ns
 
 
 @kernel(inline=True)

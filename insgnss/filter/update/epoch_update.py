@@ -26,7 +26,7 @@ from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
-from insgnss.filter.update.creeping import follow_satellites, refuse_left_out
+from insgnss.filter.update.creeping import follow_satellites, hold_contradicted, refuse_left_out
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.far_prior import is_far, observe_nearer
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
@@ -39,7 +39,7 @@ from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
-from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, GnssRows
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64
@@ -119,9 +119,11 @@ def update_epoch(
     if follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par):
         done = counted_again(done, lines, par)
     gate_carriers(P, lines, s.vectors, par, done)
-    log_likelihood, information, excluded = use_epoch(
-        P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
+    log_likelihood, information, no_ranges, no_rates = use_epoch(
+        P, lines, s.vectors, par, since_last, scratch.A, response
     )  # the prior is in scratch.A then
+    if par.drift_gate > 0.0:
+        hold_contradicted(m, bank.memory[member], lines, observation, t_ns)
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, scratch.A, P, par, s, last - first, t_ns, drift_variance)
         follow_explained(m, scratch.A, par, lines, s.fit, t_ns)
@@ -134,9 +136,9 @@ def update_epoch(
         begin_difference(m, P, par, s, t_ns, response)
     return UpdateOutcome(
         log_likelihood,
-        done.ranges_used - excluded,
+        done.ranges_used - no_ranges,
         done.ranges_refused,
-        done.rates_used,
+        done.rates_used - no_rates,
         done.rates_refused,
         done.clock_step,
         done.drift_step,
@@ -213,20 +215,20 @@ def use_epoch(
     par: Parameters,
     since_last: float,
     prior: Float64,
-    most: int,
     response: Float64,
-) -> tuple[float, float, int]:
+) -> tuple[float, float, int, int]:
     """Update with all rows of an epoch; return the sums of ``use_rows``, and how many rows were taken out again.
 
-    Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
-    found and the update is done once more without them; an epoch that agrees costs nothing.
+    Where rows of a kind contradict each other after the update, those that the others contradict (a third of them at
+    most) are found and the update is done once more without them; an epoch that agrees costs nothing. The last two
+    numbers are how many of each kind were taken out.
     """
     n = P.shape[0]
     correction = vectors[0]
     copy_matrix(P, prior)
     for i in range(response.shape[0]):
         vectors[3, i] = response[i]
-    excluded = 0
+    no_ranges, no_rates = 0, 0
     log_likelihood, information = 0.0, 0.0
     for turn in range(2):
         for i in range(n):
@@ -239,16 +241,24 @@ def use_epoch(
             information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
-        spread = spread_of(par, PSEUDORANGE, since_last)
-        if not disagrees(P, lines, correction, par.residual_gate2, spread):
-            break
-        excluded = refuse_inconsistent(prior, lines, par.residual_gate2, most)
-        if excluded == 0:
+        no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, since_last)
+        no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, since_last)
+        if no_ranges + no_rates == 0:
             break
         copy_matrix(prior, P)
         for i in range(response.shape[0]):
             response[i] = vectors[3, i]
-    return log_likelihood, information, excluded
+    return log_likelihood, information, no_ranges, no_rates
+
+
+@kernel(inline=True)
+def left_out_of(
+    kind: int, prior: Float64, P: Float64, lines: Lines, correction: Float64, par: Parameters, since_last: float
+) -> int:
+    """Refuse the rows of a kind that the others contradict after an update; return how many."""
+    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(par, kind, since_last)):
+        return 0
+    return int(refuse_inconsistent(prior, lines, kind, par.residual_gate2))
 
 
 @kernel(inline=True)
