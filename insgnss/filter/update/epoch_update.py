@@ -242,7 +242,8 @@ def use_epoch(
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
         no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, since_last)
-        no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, since_last)
+        if response.shape[0] == 0:  # under a wrong heading the right rates contradict each other
+            no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, since_last)
         if no_ranges + no_rates == 0:
             break
         copy_matrix(prior, P)
