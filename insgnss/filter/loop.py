@@ -35,7 +35,8 @@ from insgnss.filter.prediction import ImuSamples, carry_bank, predict_covariance
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_matrix, copy_state
 from insgnss.filter.update.epoch_space import FilterWorkspace
-from insgnss.filter.update.epoch_update import UpdateOutcome, update_epoch
+from insgnss.filter.update.epoch_update import update_epoch
+from insgnss.filter.update.judging import UpdateOutcome
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel

@@ -41,8 +41,8 @@ from insgnss.filter.states.wanted import SlowSizes
 from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
-from insgnss.filter.update.epoch_update import UpdateOutcome, counted_again
 from insgnss.filter.update.integrity import follow_explained
+from insgnss.filter.update.judging import UpdateOutcome, counted_again
 from insgnss.filter.update.masking import MASK, OFF, deweight
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef

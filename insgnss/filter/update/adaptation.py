@@ -154,7 +154,8 @@ def middle_of_most(values: Float64, n: int) -> float:
     for i in range(1, n - half):
         if values[i + half] - values[i] < values[at + half] - values[at]:
             at = i
-    return 0.5 * (values[at] + values[at + half])
+    middle: float = 0.5 * (values[at] + values[at + half])
+    return middle
 
 
 @kernel(apart=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,16 +21,15 @@ from insgnss.filter.state import (
     StateRecord,
     copy_matrix,
 )
-from insgnss.filter.update.adaptation import adapt_noise, raise_level
+from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
-from insgnss.filter.update.creeping import follow_satellites, hold_contradicted, refuse_left_out
+from insgnss.filter.update.creeping import hold_contradicted
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.far_prior import is_far, observe_nearer
-from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
-from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
+from insgnss.filter.update.judging import UpdateOutcome, gate_carriers, judge_rows
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
@@ -39,28 +37,21 @@ from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
-from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE, GnssRows
+from insgnss.gnss.observation_rows import (
+    ABSENT,
+    CARRIER,
+    N_KINDS,
+    PSEUDORANGE,
+    RANGE_RATE,
+    GnssRows,
+)
 from insgnss.kernels.jit import kernel
-from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
+from insgnss.status import GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64
 
 _OUTAGE_S = 2.5  # without an epoch
 _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
 _SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
-
-
-class UpdateOutcome(NamedTuple):
-    """An epoch's effect on one hypothesis."""
-
-    log_likelihood: float
-    ranges_used: int
-    ranges_refused: int  # by the gate
-    rates_used: int
-    rates_refused: int
-    clock_step: float  # [m], 0 when there was none
-    drift_step: float  # [m/s]
-    strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
-    motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
 
 
 @kernel(apart=True)
@@ -95,29 +86,13 @@ def update_epoch(
     if is_far(P):
         observe_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
-    correction, values, drift_variance = s.vectors[0], s.vectors[3], P[DRIFT, DRIFT]
+    correction, drift_variance = s.vectors[0], P[DRIFT, DRIFT]
     place_slow_variances(bank, par, rows, epoch, lines)
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
-    done = UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
-    if par.drift_gate > 0.0:
-        refuse_left_out(bank.memory[member], lines, observation, t_ns * 1e-9)
-    for kind in range(2):
-        clock, least = CLOCK + kind, par.kind[kind].least_step
-        raise_level(m, lines, kind, P[clock, clock], s.fit, values, par)
-        step, variance = common_step(lines, kind, values, least, P[clock, clock])
-        if step != 0.0:
-            absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)
-        if kind == PSEUDORANGE:
-            refuse_reflections(m, lines, observation, t_ns, par)
-        used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
-        if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
-            weigh_robustly(lines, kind, par)
-        done = noted(done, kind, used, refused, step, strain)
-    if follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par):
-        done = counted_again(done, lines, par)
+    done = judge_rows(bank, member, par, lines, observation, t_ns, s)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, no_ranges, no_rates = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, response
@@ -254,7 +229,13 @@ def use_epoch(
 
 @kernel(inline=True)
 def left_out_of(
-    kind: int, prior: Float64, P: Float64, lines: Lines, correction: Float64, par: Parameters, since_last: float
+    kind: int,
+    prior: Float64,
+    P: Float64,
+    lines: Lines,
+    correction: Float64,
+    par: Parameters,
+    since_last: float,
 ) -> int:
     """Refuse the rows of a kind that the others contradict after an update; return how many."""
     if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(par, kind, since_last)):
@@ -266,50 +247,6 @@ def left_out_of(
 def spread_of(par: Parameters, kind: int, since_last: float) -> float:
     """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
     return float(max(1.0, par.kind[kind].correlation / since_last))
-
-
-@kernel(inline=True)
-def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: UpdateOutcome) -> None:
-    """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
-
-    Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
-
-    Where the receiver's clock stepped, the carrier may have stepped with it or not: its differences wait an epoch.
-    """
-    if done.clock_step != 0.0 or done.drift_step != 0.0:
-        for j in range(lines.shape[0]):
-            if lines[j].status[CARRIER] == USED:
-                lines[j].status[CARRIER] = CLOCK_STEPPED
-        return
-    gate2 = par.kind[CARRIER].gate2
-    gate_rows(lines, CARRIER, gate2)
-    gate_between(P, lines, vectors, gate2)
-
-
-@kernel(inline=True)
-def counted_again(done: UpdateOutcome, lines: Lines, par: Parameters) -> UpdateOutcome:
-    """Return the outcome without satellites that are left out: known faults do not count against the filter."""
-    again = UpdateOutcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
-    for kind in range(2):
-        used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
-        step = done.clock_step if kind == PSEUDORANGE else done.drift_step
-        again = noted(again, kind, used, refused, step, strain)
-    return again
-
-
-@kernel(inline=True)
-def noted(
-    done: UpdateOutcome, kind: int, used: int, refused: int, step: float, strain: float
-) -> UpdateOutcome:
-    """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
-    worst = max(done.strain, strain) if used + refused >= 4 else done.strain
-    if kind == 0:
-        return UpdateOutcome(
-            0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst, 0.0
-        )
-    return UpdateOutcome(
-        0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst, 0.0
-    )
 
 
 @kernel(apart=True)
