@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, copy_bank, new_bank
+from insgnss.filter.state import CLOCK, DR, DRIFT, OFFSETS, Bank, copy_bank, new_bank
 from insgnss.filter.update.faults import HUBER, STUDENT
-from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
+from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import DRIFTING, GATED, INCONSISTENT, REFLECTED, USED
 from tests.filter import scene
 from tests.filter.scene import (
@@ -87,6 +87,21 @@ def test_three_wrong_rows_of_twelve_are_found_whichever_they_are(
         if left_out(result) != set(rows) or np.sum(statuses(result) == USED) != N - 3:
             wrong.append(rows)
     assert len(wrong) <= 0.01 * len(SETS_OF_THREE), wrong
+
+
+@pytest.mark.parametrize("wrong", [(4,), (0, 7), (2, 5, 9)])
+def test_rates_that_the_others_contradict_are_found_where_the_clock_hides_them_from_the_gate(
+    rng: np.random.Generator, wrong: tuple[int, ...]
+) -> None:
+    """1 m/s is 20 sigmas of a rate, but three of what the clock's drift leaves open. Under two headings none goes."""
+    for single in (True, False):
+        bank, log = epoch(rng, TIGHT)
+        bank.P[0, DRIFT, DRIFT] = 0.3**2
+        bank.state["log_weight"] = 0.0 if single else -0.7
+        log.observation["value"][list(wrong), RANGE_RATE] += 1.0
+        status = update(bank, log, numbers()).out.ledger["status"][:, RANGE_RATE]
+        assert set(np.flatnonzero(status == INCONSISTENT)) == set(wrong if single else ())
+        assert np.sum(status == USED) == N - (len(wrong) if single else 0)
 
 
 @pytest.mark.parametrize("correlation_s", [0.0, 2.5])
@@ -233,6 +248,23 @@ def test_satellite_that_creeps_away_is_found_before_it_pulls_the_position_along(
     assert np.all(np.delete(status, 3, axis=1) == USED)
     # without the test the same ramp of 1 m/s is found by the gate alone; at 0.3 m/s it drags the position by metres
     assert off_m(bank, truth) < 1.5
+
+
+@pytest.mark.parametrize("wrong", [(3,), (1, 6, 10), (1, 3, 5, 6, 10)])
+def test_satellite_contradicted_for_two_seconds_is_left_out_altogether(
+    rng: np.random.Generator, wrong: tuple[int, ...]
+) -> None:
+    """With all its kinds, also where too few are in view afterwards to tell; of five of twelve nobody knows."""
+    _, bank, log = at_rest_scene(rng)
+    observation = log.observation.reshape(EPOCHS, N)
+    observation["value"][FROM : FROM + 3, list(wrong), RANGE_RATE] += 1.5
+    observation["status"][FROM + 3 :, [0, 2, 4, 7, 8, 11]] = ABSENT
+    status = run_at_rest(bank, log)
+
+    known = len(wrong) <= N // 3
+    assert np.all(status[: FROM + 3] == USED)
+    assert np.all((status[FROM + 3, list(wrong)] == DRIFTING) == known)
+    assert np.sum(status[FROM + 3] == DRIFTING) == (len(wrong) if known else 0)
 
 
 def test_errors_that_stay_as_they_are_are_not_called_drifting(rng: np.random.Generator) -> None:
