@@ -120,7 +120,8 @@ class Faults(StrictModel):
     student_freedom: Positive = Field(4.0, ge=0.1, description="degrees of freedom of Student's t")
     residual_sigma: NotNegative = Field(
         5.0,
-        description="a pseudorange's residual after the update beyond it: those the others contradict are left out",
+        description="a residual of a pseudorange or range rate after the update beyond it: those the others contradict"
+        " are left out",
     )
     drift_sigma: NotNegative = Field(
         4.0,

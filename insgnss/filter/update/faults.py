@@ -2,8 +2,9 @@
 
 | fault | test | status |
 |-------|------|--------|
-| several wrong rows under a wide prior | residuals after the update, see ``consistency`` | INCONSISTENT |
+| several wrong rows under a wide prior or clock | residuals after the update, see ``consistency`` | INCONSISTENT |
 | an error that creeps in (1 m/s, 0.3 m/s) | means of its residuals against the others, see ``creeping`` | DRIFTING |
+| a range rate that the others contradict again and again | for two seconds, see ``creeping`` | DRIFTING |
 | a reflected signal in a street | weak for its elevation and too long | REFLECTED |
 
 All are judged on the epoch's innovations before any of its rows has moved the state, so the order of rows does not
