@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from insgnss.filter.parameters import PARAMETERS_DTYPE
+from insgnss.filter.rows.lines import GAIN_ROWS
 from insgnss.filter.state import CLOCK, DR, MAX_SLOW, N_PATTERNS, OFFSETS, SlowErrors, no_slow_errors
+from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import forget_effect
-from insgnss.filter.update.slow_errors import correct_by_row_without, correct_effect, correct_remainder, fade
+from insgnss.filter.update.slow_errors import correct_by_row_without, follow_slow_errors
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE
+from insgnss.status import GATED, USED
+from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 
 N = OFFSETS + 2
 HELD = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS, OFFSETS + 1])
@@ -20,6 +25,7 @@ def rates(air_s: float, satellite_s: float) -> np.ndarray:
     """Return the filter's numbers with correlation times."""
     par = np.zeros(1, PARAMETERS_DTYPE)
     par["air_rate"], par["satellite_rate"] = 1.0 / air_s, 1.0 / satellite_s
+    par["n_held"], par["held"][0, : len(HELD)], par["at_clone"] = len(HELD), HELD, -1
     return par
 
 
@@ -43,26 +49,35 @@ def joint_fade(joint: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("air_s", "satellite_s"), [(1e9, 1e9), (300.0, 20.0)])
 def test_effects_are_those_of_the_joint_covariance(air_s: float, satellite_s: float) -> None:
+    """Over forty epochs of pseudoranges and carrier differences, used and refused, of any gains and loads."""
     rng = np.random.default_rng(31)
-    slow, par = no_slow_errors(N), rates(air_s, satellite_s)[0]
+    bank = new_filter(place(), offsets=(0.0, 0.0))
+    bank.head["n_slow"] = N_ERRORS
+    log = perfect_rows(bank, parameters(), [START_NS], sky(place()))
+    s, k, par = new_epoch(len(log.sat), N), len(log.sat), rates(air_s, satellite_s)[0]
     joint = np.diag(np.r_[np.zeros(N), np.ones(MAX_SLOW)])
     time_s = np.where(np.arange(MAX_SLOW) < N_PATTERNS, air_s, satellite_s)
+    s.lines["columns"][:, :, :5], s.lines["count"] = COLUMNS, 5
     for _ in range(40):
         dt = rng.uniform(0.1, 5.0)
-        fade(slow, N_ERRORS, HELD, par, dt)
         joint = joint_fade(joint, np.where(np.arange(MAX_SLOW) < N_ERRORS, np.exp(-dt / time_s), 1.0))
-        for _ in range(3):
-            h, gain, load = rng.standard_normal(5), np.zeros(N), np.zeros(MAX_SLOW)
-            gain[HELD] = 0.2 * rng.standard_normal(len(HELD))
-            load[:N_ERRORS] = rng.standard_normal(N_ERRORS)
-            row = np.zeros(N)
-            row[COLUMNS] = h
-            joint = joint_step(joint, row, gain, load)
-            for i in range(N_ERRORS):
-                correct_effect(slow.S[i], h, COLUMNS, HELD, gain, load[i])
-            correct_remainder(slow.R, h, COLUMNS, HELD, gain, np.zeros(N))
-        np.testing.assert_allclose(total(slow), joint[:N, :N], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(slow.S, joint[N:, :N], rtol=1e-9, atol=1e-9)
+        s.lines["h"], s.lines["load"] = rng.normal(size=s.lines["h"].shape), rng.normal(size=(k, N_PATTERNS))
+        s.lines["bias"], s.lines["status"] = rng.integers(0, 3, k), rng.choice([USED, GATED], (k, N_KINDS))
+        s.vectors[:] = 0.0
+        s.vectors[GAIN_ROWS:, HELD] = 0.1 * rng.normal(size=(2 * k, len(HELD)))
+        log.observation["bias_sigma"] = rng.uniform(0.1, 2.0, k)
+        for kind, at in ((PSEUDORANGE, 0), (CARRIER, 1)):
+            for j in np.flatnonzero(s.lines["status"][:, kind] == USED):
+                row, load = np.zeros(N), np.zeros(MAX_SLOW)
+                row[COLUMNS] = s.lines["h"][j, kind, :5]
+                if kind == PSEUDORANGE:
+                    load[:N_PATTERNS] = s.lines["load"][j]
+                    if s.lines["bias"][j]:
+                        load[N_PATTERNS + s.lines["bias"][j] - 1] = log.observation["bias_sigma"][j]
+                joint = joint_step(joint, row, s.vectors[GAIN_ROWS + 2 * j + at], load)
+        follow_slow_errors(bank, 0, par, log, 0, dt, s)
+        np.testing.assert_allclose(total(bank.slow), joint[:N, :N], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(bank.slow.S, joint[N:, :N], rtol=1e-9, atol=1e-9)
 
 
 def test_own_row_corrects_as_a_row_without_errors() -> None:

@@ -73,7 +73,9 @@ def shares_used(run: Run, from_s: float) -> dict[str, float]:
     rows = run.measurements[run.measurements["time_s"] > START_S + from_s - 1e-6]
     reached = rows[rows["status"].isin(("used", "gated"))]
     assert len(reached)
-    return {str(k): float((part == "used").mean()) for k, part in reached.groupby("kind", observed=True)["status"]}
+    return {
+        str(k): float((part == "used").mean()) for k, part in reached.groupby("kind", observed=True)["status"]
+    }
 
 
 @pytest.mark.parametrize("step_m", [40.0, -80.0, 140.0, 299_792.458])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.state import N_PATTERNS, OFFSETS, Bank, HeadRecord, SlowErrors
-from insgnss.filter.update.slow_errors import leave_effect
 from insgnss.gnss.observation_rows import N_BANDS, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Int64
@@ -79,6 +78,8 @@ def forget_state(bank: Bank, at: int) -> None:
 @kernel(inline=True)
 def forget_effect(slow: SlowErrors, i: int, held: Int64) -> None:
     """Free the place of an error without a state: what it has done to the filter's state stays, on its own."""
-    leave_effect(slow, i, held, 1.0)
+    for a in held:
+        for b in held:
+            slow.R[a, b] += slow.S[i, a] * slow.S[i, b]
     for a in held:
         slow.S[i, a] = 0.0

@@ -60,29 +60,99 @@ def gain_row(j: int, kind: int) -> int:
 def follow_slow_errors(
     bank: Bank, member: int, par: Parameters, rows: GnssRows, epoch: int, since_last: float, s: EpochWorkspace
 ) -> None:
-    """Carry the slow errors to an epoch and over the rows that it has used, in their order, where a member leads."""
+    """Carry the slow errors to an epoch and over the rows that it has used, where a member leads.
+
+    All rows of an epoch at once: S <- S U + A and R <- U^T R U, with U^T = (I - K_m h_m) ... (I - K_1 h_1) and A the
+    sum over the rows of the load a_j times what the later rows leave of the gain K_j. Both are sums from the last row
+    to the first.
+    """
     if member != bank.head[0].leader or bank.head[0].n_slow == 0:
         return
-    slow, n, held, first = bank.slow, bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
-    fade(slow, n, held, par, since_last)
+    n, held, first = bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
     if bank.head[0].from_fix == 1:
         bank.head[0].from_fix = 0
-        place_effects_of_fix(slow, n, held, rows, epoch, s.lines)
-    for kind in (PSEUDORANGE, CARRIER):
-        for j in range(rows.first[epoch + 1] - first):
+        place_effects_of_fix(bank.slow, n, held, rows, epoch, s.lines)
+    k = held.shape[0]
+    S, R = np.empty((n, k)), np.empty((k, k))
+    take_held(bank.slow, held, S, R)
+    fade(S, R, par, since_last)
+    U, A, place = np.eye(k), np.zeros((n, k)), np.full(bank.slow.R.shape[0], -1)
+    for c in range(k):
+        place[held[c]] = c
+    left = np.empty(k)  # what the rows after one leave of its gain
+    for kind in (CARRIER, PSEUDORANGE):
+        for j in range(rows.first[epoch + 1] - first - 1, -1, -1):
             line, row = s.lines[j], rows.observation[first + j]
             if line.status[kind] != USED:
                 continue
-            h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
-            gain = s.vectors[gain_row(j, kind)]
-            if kind == CARRIER:
-                correct_by_row_without(slow, n, h, columns, held, gain, s.vectors[2])
-                continue
-            for i in range(n):
-                correct_effect(slow.S[i], h, columns, held, gain, load_of(line, row, i))
-            correct_remainder(slow.R, h, columns, held, gain, s.vectors[2])
+            gain_through(U, s.vectors[gain_row(j, kind)], held, left)
+            if kind == PSEUDORANGE:
+                for i in range(N_PATTERNS):
+                    add_scaled(A[i], line.load[i], left)
+                if line.bias > 0:
+                    add_scaled(A[N_PATTERNS + line.bias - 1], row.bias_sigma, left)
+            for a in range(line.count[kind]):
+                if place[line.columns[kind, a]] >= 0:
+                    add_scaled(U[place[line.columns[kind, a]]], -line.h[kind, a], left)
+    add_product(S, U, A)
+    put_held(bank.slow, held, A, sandwiched(R, U))
     if par.at_clone >= 0:
-        clone_effects(slow, n, held, par.at_clone)
+        clone_effects(bank.slow, n, held, par.at_clone)
+
+
+@kernel(inline=True)
+def take_held(slow: SlowErrors, held: Int64, S: Float64, R: Float64) -> None:
+    """Copy the effects (n, k) and the remainder (k, k) of the states that hold slow errors, side by side."""
+    for c in range(held.shape[0]):
+        for i in range(S.shape[0]):
+            S[i, c] = slow.S[i, held[c]]
+        for b in range(held.shape[0]):
+            R[b, c] = slow.R[held[b], held[c]]
+
+
+@kernel(inline=True)
+def put_held(slow: SlowErrors, held: Int64, S: Float64, R: Float64) -> None:
+    """Copy them back."""
+    for c in range(held.shape[0]):
+        for i in range(S.shape[0]):
+            slow.S[i, held[c]] = S[i, c]
+        for b in range(held.shape[0]):
+            slow.R[held[b], held[c]] = R[b, c]
+
+
+@kernel(inline=True)
+def gain_through(U: Float64, gain: Float64, held: Int64, left: Float64) -> None:
+    """Write U^T K, K the held part of a gain."""
+    for c in range(left.shape[0]):
+        left[c] = 0.0
+    for c in range(left.shape[0]):
+        add_scaled(left, gain[held[c]], U[c])
+
+
+@kernel(inline=True)
+def add_scaled(to: Float64, factor: float, v: Float64) -> None:
+    """Add a multiple of a vector to another."""
+    for c in range(v.shape[0]):
+        to[c] += factor * v[c]
+
+
+@kernel(inline=True)
+def add_product(X: Float64, U: Float64, to: Float64) -> None:
+    """Add the product X U to a matrix."""
+    for i in range(X.shape[0]):
+        for c in range(U.shape[0]):
+            add_scaled(to[i], X[i, c], U[c])
+
+
+@kernel(inline=True)
+def sandwiched(R: Float64, U: Float64) -> Float64:
+    """Return U^T R U."""
+    half, whole = np.zeros_like(R), np.zeros_like(R)
+    add_product(R, U, half)
+    for i in range(R.shape[0]):
+        for c in range(R.shape[0]):
+            add_scaled(whole[i], U[c, i], half[c])
+    return whole
 
 
 @kernel(apart=True)
@@ -113,23 +183,15 @@ def load_of(line: Line, row: Observation, i: int) -> float:
 
 
 @kernel(inline=True)
-def fade(slow: SlowErrors, n: int, held: Int64, par: Parameters, dt: float) -> None:
+def fade(S: Float64, R: Float64, par: Parameters, dt: float) -> None:
     """Let the errors forget themselves over ``dt`` [s]: what they have done to the state stays, on its own."""
     of_sky, of_satellite = math.exp(-dt * par.air_rate), math.exp(-dt * par.satellite_rate)
-    for i in range(n):
+    for i in range(S.shape[0]):
         f = of_sky if i < N_PATTERNS else of_satellite
-        leave_effect(slow, i, held, 1.0 - f * f)
-        for a in held:
-            slow.S[i, a] *= f
-
-
-@kernel(inline=True)
-def leave_effect(slow: SlowErrors, i: int, held: Int64, share: float) -> None:
-    """Add a share of the variance that one error's effect has to what earlier errors have left."""
-    for a in held:
-        left = share * slow.S[i, a]
-        for b in held:
-            slow.R[a, b] += left * slow.S[i, b]
+        for a in range(R.shape[0]):
+            add_scaled(R[a], (1.0 - f * f) * S[i, a], S[i])
+        for a in range(R.shape[0]):
+            S[i, a] *= f
 
 
 @kernel(apart=True)
