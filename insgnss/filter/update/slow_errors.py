@@ -70,7 +70,7 @@ def follow_slow_errors(
         return
     n, held, first = bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
     if bank.head[0].from_fix == 1:
-        bank.head[0].from_fix = 0
+        bank.head[0].from_fix, since_last = 0, 0.0  # the fix is the epoch's
         place_effects_of_fix(bank.slow, n, held, rows, epoch, s.lines)
     k = held.shape[0]
     S, R = np.empty((n, k)), np.empty((k, k))
