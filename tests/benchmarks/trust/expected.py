@@ -31,9 +31,7 @@ CAUTIOUS: Final = (
 NOW: Final = (
     Mark("fast_jet", "* velocity *", LAG),
     Mark("fault_accel_step", "no false heading", UNSEEN, in_tests=False),
-    Mark("fault_ramp_2sv_0.5mps", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_gyro_step", "*", A6),
-    Mark("fault_ramp_3sv_1mps", "*", A6),
     Mark("sounding_rocket", "nees tilt end", CAUTIOUS, in_tests=False),
     Mark("sounding_rocket", "nees yaw end", CAUTIOUS, in_tests=False),
 )
