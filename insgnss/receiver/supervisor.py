@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,9 +29,7 @@ from insgnss.receiver.tracking_state import (
     NONE,
     NOT_KNOWN,
     PRESENT,
-    REASON_NAMES,
     SPENT,
-    STATE_NAMES,
     Records,
     Rules,
     View,
@@ -259,18 +256,6 @@ def _transitions(
         -predicted.range_rate_mps[k, s] / wavelength_m[s],
         *(values[k, s] for name, values in window._asdict().items() if name != "within_aperture"),
     )
-
-
-def transition_words(
-    transitions: Transitions, sv_names: Sequence[str]
-) -> dict[str, npt.NDArray[np.generic] | list[str]]:
-    """Return the columns of the table of transitions, in words and with units, time in nanoseconds."""
-    columns: dict[str, npt.NDArray[np.generic] | list[str]] = dict(transitions._asdict())
-    columns["sv"] = [sv_names[i] for i in transitions.sv]
-    columns["before"] = [STATE_NAMES[i] for i in transitions.before]
-    columns["after"] = [STATE_NAMES[i] for i in transitions.after]
-    columns["reason"] = [REASON_NAMES[i] for i in transitions.reason]
-    return columns
 
 
 def _check(predicted: Predictions, satellites: int, last_ns: int | None) -> None:
