@@ -22,9 +22,8 @@ from pydantic import Field, field_validator
 from insgnss.antenna.installation import FARTHEST_DEG, N_AZIMUTHS, N_ELEVATIONS
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Bool, Float64, Int8
 
-Bool = npt.NDArray[np.bool_]
 Azimuth = Annotated[float, Field(ge=-360.0, le=360.0)]
 Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError, GeometryError
 from insgnss.geodesy.rotations import euler_to_matrix
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 from insgnss.tracking.admissible import require_known, require_positive
 
 ANGLES: Final = ("roll", "pitch", "yaw")
@@ -109,7 +109,7 @@ class Sky:
         """Return 2 pi / lambda times the directions, (N, 3) [rad/m]."""
         return np.asarray(2.0 * math.pi / self.wavelength_m[:, None] * self.los_n)
 
-    def only(self, kept: npt.NDArray[np.bool_]) -> Sky:
+    def only(self, kept: Bool) -> Sky:
         """Return the signals that are marked, (N,)."""
         names = tuple(n for n, k in zip(self.names, kept, strict=True) if k)
         return Sky(self.los_n[kept], self.wavelength_m[kept], names)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, FitWorkspace, cholesky, clock_of, covariance
+from insgnss.gnss.least_squares import CLOCKS, FitRows, FitWorkspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 
 @kernel(apart=True)

@@ -33,7 +33,7 @@ from insgnss.gnss.nequick import nequick_delay
 from insgnss.gnss.orbits.plausible_messages import is_ionosphere, plausible_klobuchar
 from insgnss.gnss.signals import B1I_HZ, L1_HZ
 from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
-from insgnss.tables import Float64, GnssTable, Int64, NavigationData
+from insgnss.tables import Float64, GnssTable, Int16, Int64, NavigationData
 
 MODELS: Final = ("klobuchar", "nequick", "beidou", "own", "none")
 NODE_S: Final = 300.0  # a satellite moves by 2.5 deg of its orbit
@@ -191,7 +191,7 @@ def _directions(
 
 
 def _nequick(
-    coefficients: Float64, t_ns: Int64, sv: npt.NDArray[np.int16], satellite_e: Float64, antenna: Float64
+    coefficients: Float64, t_ns: Int64, sv: Int16, satellite_e: Float64, antenna: Float64
 ) -> Float64:
     """Return NeQuick's delays: at every satellite's nodes by the model, between them by a spline."""
     delay = np.full(len(t_ns), math.nan)

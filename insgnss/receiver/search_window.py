@@ -10,7 +10,7 @@ import numpy.typing as npt
 from insgnss.config.search import Grid, Search
 from insgnss.constants import C_MPS
 from insgnss.receiver.detection import Detector, accumulation
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 
 class SignalScale(NamedTuple):
@@ -26,7 +26,7 @@ class SearchWindow(NamedTuple):
 
     sigma_delay_m: Float64  # sqrt(D) of the delay
     sigma_doppler_hz: Float64  # sqrt(D) of the rate over the wavelength
-    within_aperture: npt.NDArray[np.bool_]  # the loops may be closed at the predicted place
+    within_aperture: Bool  # the loops may be closed at the predicted place
     accumulation_s: Float64  # of one cell; inf where no allowed accumulation suffices
     delay_cells: Float64  # whole numbers; NaN where there is no prediction
     doppler_bins: Float64  # NaN where there is no prediction, or without a sufficient accumulation

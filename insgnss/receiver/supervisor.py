@@ -36,7 +36,7 @@ from insgnss.receiver.tracking_state import (
     new_memory,
     new_spent,
 )
-from insgnss.tables import Float64, Int8, Int16, Int64
+from insgnss.tables import Bool, Float64, Int8, Int16, Int64
 
 _LONGEST_NS: Final = 2**60  # 36 years: what takes longer never ends
 
@@ -299,7 +299,7 @@ def _checked_presence(present: npt.ArrayLike | None, shape: tuple[int, ...]) -> 
     return np.ascontiguousarray(given, np.int8)
 
 
-def _refuse(wrong: npt.NDArray[np.bool_], column: str, message: str, advice: str) -> None:
+def _refuse(wrong: Bool, column: str, message: str, advice: str) -> None:
     if np.any(wrong):
         epoch, satellite = np.argwhere(wrong)[0]
         place = f"epoch {epoch + 1}, satellite column {satellite + 1}"

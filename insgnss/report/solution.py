@@ -13,7 +13,7 @@ import pandas as pd
 from insgnss.report.epochs import satellites_used
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.runs.result import Run
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _LATE_EPOCHS: Final = 2.5  # usual intervals since the latest epoch, after which a row is dead reckoning
 _HEADING_SIGMA_DEG: Final = 30.0  # a heading of a larger sigma is not reported: 104 is that of any direction
@@ -28,8 +28,8 @@ class NavSolution:
     utc: npt.NDArray[np.datetime64]
     satellites: Int64  # used in the latest epoch, 0 in dead reckoning
     hdop: Float64  # of these satellites, NaN where they leave it open
-    dead_reckoning: npt.NDArray[np.bool_]  # no satellite was used in the latest epoch, or that is long ago
-    heading_known: npt.NDArray[np.bool_]
+    dead_reckoning: Bool  # no satellite was used in the latest epoch, or that is long ago
+    heading_known: Bool
     differential: bool  # a base station corrected the ranges
 
     def columns(self, *names: str) -> list[list[float]]:

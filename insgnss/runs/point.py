@@ -19,7 +19,6 @@ from statistics import NormalDist
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.config.filter import FilterConfig
@@ -45,7 +44,7 @@ from insgnss.runs.point_tables import point_table, residual_table
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result_tables import event_table
 from insgnss.runs.setup import setup_filter
-from insgnss.tables import Float64, ImuTable
+from insgnss.tables import Bool, Float64, ImuTable
 from insgnss.version import __version__
 
 TABLES: Final = ("point", "residuals", "events", "errors")
@@ -92,7 +91,7 @@ class PointRun(ResultDisplay):
             ) from error
         return folder
 
-    def trusted(self) -> npt.NDArray[np.bool_]:
+    def trusted(self) -> Bool:
         """Return which epochs have a position that passed all tests."""
         return np.asarray(self.point["verdict"].str.startswith(TRUSTED) & self.point["lat_deg"].notna())
 

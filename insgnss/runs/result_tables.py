@@ -22,7 +22,7 @@ from insgnss.filter.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED
-from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int16, Int64
 
 KINDS = ("pseudorange", "range_rate", "carrier_difference")
 # words of a column, and the place among them of each number of a status
@@ -250,9 +250,9 @@ def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
 
 def _one_per_satellite(
     epoch: Int64,
-    sv: npt.NDArray[np.int16],
-    seen: npt.NDArray[np.bool_],
-    tracked: npt.NDArray[np.bool_],
+    sv: Int16,
+    seen: Bool,
+    tracked: Bool,
     n_sv: int,
 ) -> Int64:
     """Return one row of each satellite and epoch among ``seen``: a tracked one before the others, else the first."""

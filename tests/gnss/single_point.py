@@ -10,7 +10,7 @@ import pymap3d
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.ionosphere import klobuchar_delay
-from insgnss.gnss.least_squares import RANGE, RANGE_RATE, Bool, FitRows, free_clocks, workspace
+from insgnss.gnss.least_squares import RANGE, RANGE_RATE, FitRows, free_clocks, workspace
 from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import glonass_channels, range_rates, satellite_states
@@ -27,7 +27,7 @@ from insgnss.gnss.point.integrity import (
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import tropospheric_delay
 from insgnss.runs.point import chi_square_limits
-from insgnss.tables import EphemerisTable, Float64, GnssTable, NavigationData
+from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, NavigationData
 
 RANGE_SIGMA_M = 2.0  # at the zenith
 RATE_SIGMA_MPS = 0.1

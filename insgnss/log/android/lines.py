@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv
 
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
 _TABLE_HEADER: Final = "MessageType,"
@@ -82,7 +81,7 @@ class AndroidCells:
         """Return whether the file has a column of this name, in capitals or not."""
         return name.lower() in self.columns
 
-    def integers(self, name: str) -> tuple[Int64, npt.NDArray[np.bool_]]:
+    def integers(self, name: str) -> tuple[Int64, Bool]:
         """Return a column as integers, exact to the last digit, and where there is one; zero elsewhere."""
         return self._numbers(name, _INTEGER, pa.int64(), 0)
 

@@ -20,11 +20,11 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
-from insgnss.log.android.clock import Bool, ReceiverClock, corrected_by_satellites, receiver_clock
+from insgnss.log.android.clock import ReceiverClock, corrected_by_satellites, receiver_clock
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
 from insgnss.log.satellites import channel_of_name
-from insgnss.tables import Event, Float64, GnssTable, Int8, Int64
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int8, Int64
 
 # GnssMeasurement.getState
 CODE_LOCK, SUBFRAME_SYNC, TOW_DECODED, MSEC_AMBIGUOUS = 0x1, 0x4, 0x8, 0x10

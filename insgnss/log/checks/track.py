@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.point.integrity import EXCLUDED, NOT_IDENTIFIED, OK, UNTESTED
 from insgnss.gnss.point.rows import PointLog
-from insgnss.tables import Float64, GnssTable, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 # on and above the Earth, where logs come from; a solution elsewhere has wrong satellites
 NEAREST_M: Final = 6.33e6

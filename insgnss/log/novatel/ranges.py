@@ -24,7 +24,6 @@ from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, 
 
 RANGE, RANGECMP, RANGECMP2 = 43, 140, 1273
 COMPRESSED_FURTHER: Final = {1734: "RANGECMP3", 2050: "RANGECMP4", 2537: "RANGECMP5"}
-Bool = npt.NDArray[np.bool_]
 _PHASE_LOCK, _PARITY_KNOWN, _CODE_LOCK, _HALF_CYCLE = 1 << 10, 1 << 11, 1 << 12, 1 << 28
 _RANGE: Final = np.dtype(
     [

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.tables import Bool, Int64
 
 SYNC: Final = b"$@"
 HEADER_LENGTH: Final = 8
@@ -164,12 +164,12 @@ def records(
     return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]
 
 
-def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.bool_]:
+def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Bool:
     """Return which of the blocks' contents carry a time."""
     return np.asarray((rows["tow_ms"] < TOW_END_MS) & (rows["week"] < WEEK_END))
 
 
-def block_times_ns(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.int64]:
+def block_times_ns(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Int64:
     """Return the GPS time of blocks whose time is known [ns]."""
     tow_ns = rows["tow_ms"].astype(np.int64) * (NS_PER_S // 1000)
     return np.asarray(tow_ns + rows["week"].astype(np.int64) * NS_PER_WEEK)

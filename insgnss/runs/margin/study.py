@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.antenna.equipment import installation
@@ -41,7 +40,7 @@ from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
 from insgnss.runs.margin.path import FlownPath, aiding_sigma, flown_path
 from insgnss.runs.result import Run
-from insgnss.tables import Float64
+from insgnss.tables import Float64, stretches_of
 
 TABLES: Final = ("satellites", "emitters", "events")
 LOOPS: Final = ("unaided", "aided")
@@ -239,19 +238,13 @@ def _spells(table: pd.DataFrame) -> list[tuple[float, str, str]]:
     for sv, rows in table.groupby("sv", observed=True):
         time = rows["time_s"].to_numpy()
         for loop in LOOPS:
-            for begin, end in _runs(~rows[f"lock_{loop}"].to_numpy()):
+            for begin, end in stretches_of(~rows[f"lock_{loop}"].to_numpy()):
                 least = rows[f"reserve_{loop}_db"].to_numpy()[begin:end].min()
                 told = (
                     f"{sv}: {time[end - 1] - time[begin]:.1f} s, {-least:.1f} dB below the threshold at worst"
                 )
                 events.append((float(time[begin]), f"lock_lost_{loop}", told))
     return events
-
-
-def _runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return begin and end of each stretch of true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _never_in_sight(path: FlownPath, found: Link, config: InterferenceConfig) -> list[tuple[float, str, str]]:

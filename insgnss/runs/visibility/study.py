@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.antenna.equipment import limits_of
@@ -32,9 +31,8 @@ from insgnss.runs.result_tables import event_table
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
-from insgnss.tables import Event, Float64, Int8, Int64
+from insgnss.tables import Bool, Event, Float64, Int8, Int64, stretches_of
 
-Bool = npt.NDArray[np.bool_]
 TABLES: Final = ("satellites", "dop", "events")
 DOPS: Final = ("gdop", "pdop", "hdop", "vdop", "tdop")
 _SINGULAR_GDOP: Final = 1e6  # beyond it the geometry has no solution, only rounding
@@ -253,6 +251,4 @@ def _blind_spells(t_ns: Int64, above: Bool, seen: Bool) -> list[Event]:
 
 def _spells(t_ns: Int64, is_so: Bool) -> list[tuple[int, int]]:
     """Return first and last time of each run of True."""
-    padded = np.concatenate([[False], is_so, [False]]).astype(np.int8)
-    begin, end = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
-    return [(int(t_ns[a]), int(t_ns[b])) for a, b in zip(begin, end, strict=True)]
+    return [(int(t_ns[a]), int(t_ns[b - 1])) for a, b in stretches_of(is_so)]

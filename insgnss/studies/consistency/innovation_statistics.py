@@ -24,7 +24,7 @@ from scipy import optimize, stats
 from insgnss.runs.result import Run
 from insgnss.studies.consistency.epoch_residuals import fitted
 from insgnss.studies.consistency.error_statistics import LEAST_ROWS
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 GATE_KEYS: Final = {
     "pseudorange": "pseudorange_sigma",
@@ -237,7 +237,7 @@ class Whiteness(NamedTuple):
 
     correlation: Float64  # (k,) at lag 1 .. k, about zero mean
     bound: Float64  # (k,) of each
-    pairs: npt.NDArray[np.int64]  # (k,)
+    pairs: Int64  # (k,)
     q: float
     p_value: float
     correlation_time_s: float  # of an exponential through lag one, 0 where there is no correlation

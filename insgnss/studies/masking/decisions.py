@@ -24,7 +24,6 @@ from __future__ import annotations
 from typing import Any, Final, get_args
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
@@ -43,9 +42,7 @@ from insgnss.config.filter import Visibility
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.studies.scenario_equipment import installation_of, visibility_of
-from insgnss.tables import Float64, Int8
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, Int8
 
 HEADINGS_DEG: Final = np.arange(0.0, 360.0, 15.0)
 BANKS_DEG: Final = np.arange(-75.0, 76.0, 15.0)
