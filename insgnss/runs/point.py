@@ -34,7 +34,7 @@ from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.datum import annotate_all
@@ -77,18 +77,12 @@ class PointRun(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        try:
-            with saving(folder, FILES, "point solution") as new:
-                for name in TABLES:
-                    write_table(new, name, getattr(self, name), format)
-                text = json.dumps(self.settings, indent=1, default=str)
-                (new / _SETTINGS).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ResultError(
-                f"the solution cannot be written: {error.strerror}",
-                file=folder,
-                advice="give another --output folder",
-            ) from error
+        told = writing("the solution", folder, "give another --output folder")
+        with told, saving(folder, FILES, "point solution") as new:
+            for name in TABLES:
+                write_table(new, name, getattr(self, name), format)
+            text = json.dumps(self.settings, indent=1, default=str)
+            (new / _SETTINGS).write_text(text, encoding="utf-8")
         return folder
 
     def trusted(self) -> Bool:

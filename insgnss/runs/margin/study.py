@@ -31,11 +31,10 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.config.flight import MountedAntenna
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.strict import load_toml
-from insgnss.errors import ConfigError, ResultError
+from insgnss.errors import ConfigError
 from insgnss.interference.margin import db, ratio
-from insgnss.results.saving import saving
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import table_files, write_table
+from insgnss.results.table_files import save_study
 from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
 from insgnss.runs.margin.path import FlownPath, aiding_sigma, flown_path
@@ -62,16 +61,8 @@ class FlownMargin(ResultDisplay):
         ------
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
-        folder = Path(folder)
-        try:
-            with saving(folder, table_files(f"margin_{name}" for name in TABLES), "margin study") as new:
-                for name in TABLES:
-                    write_table(new, f"margin_{name}", getattr(self, name), format, float_format="%.10g")
-        except OSError as error:
-            raise ResultError(
-                f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"
-            ) from error
-        return folder
+        tables = {f"margin_{name}": getattr(self, name) for name in TABLES}
+        return save_study(folder, tables, format, "margin study")
 
     def summary(self) -> pd.DataFrame:
         """Return, per satellite, the largest J/S, the least reserves and the share of the time that each loop locks."""

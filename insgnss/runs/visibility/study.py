@@ -22,11 +22,9 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all, new_looks
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.results.saving import saving
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import table_files, write_table
+from insgnss.results.table_files import save_study
 from insgnss.runs.result_tables import event_table
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections
@@ -56,18 +54,8 @@ class VisibilityStudy(ResultDisplay):
         ------
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
-        folder = Path(folder)
-        try:
-            with saving(
-                folder, table_files(f"visibility_{name}" for name in TABLES), "visibility study"
-            ) as new:
-                for name in TABLES:
-                    write_table(new, f"visibility_{name}", getattr(self, name), format, float_format="%.10g")
-        except OSError as error:
-            raise ResultError(
-                f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"
-            ) from error
-        return folder
+        tables = {f"visibility_{name}": getattr(self, name) for name in TABLES}
+        return save_study(folder, tables, format, "visibility study")
 
 
 def visibility(
