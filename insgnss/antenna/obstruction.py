@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, field_validator
 
 from insgnss.antenna.installation import FARTHEST_DEG, N_AZIMUTHS, N_ELEVATIONS
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError
+from insgnss.geodesy.directions import angles_of, directions
 from insgnss.tables import Bool, Float64, Int8
 
 Azimuth = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -111,21 +111,13 @@ def read_obstruction(path: Path) -> Obstruction:
     return obstruction
 
 
-def directions(azimuth_deg: npt.ArrayLike, elevation_deg: npt.ArrayLike) -> Float64:
-    """Return unit vectors (..., 3), forward-right-down, of azimuths and elevations [deg]."""
-    azimuth, elevation = np.broadcast_arrays(np.radians(azimuth_deg), np.radians(elevation_deg))
-    level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
-
-
 def is_inside(shape: Shape, u_b: Float64) -> Bool:
     """Return which directions (n, 3), body axes, a shape blocks: exact geometry."""
     return _in_sector(shape, u_b) if isinstance(shape, Sector) else _in_polygon(shape, u_b)
 
 
 def _in_sector(sector: Sector, u_b: Float64) -> Bool:
-    elevation = np.degrees(np.arctan2(-u_b[:, 2], np.hypot(u_b[:, 0], u_b[:, 1])))
-    azimuth = np.degrees(np.arctan2(u_b[:, 1], u_b[:, 0]))
+    azimuth, elevation = np.degrees(angles_of(u_b))
     begin, end = sector.azimuth_deg
     width = (end - begin) % 360.0 or 360.0
     low, high = sector.elevation_deg

@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.errors import ConfigError, NavigationDataError
+from insgnss.geodesy.directions import angles_of
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.ionosphere import beidou_delay, ionosphere_above, klobuchar_delay
@@ -186,8 +187,7 @@ def _directions(
     C_ne = np.empty((len(antenna), 3, 3))
     for k, (lat, lon, _) in enumerate(antenna):
         ecef_to_ned_matrix(lat, lon, C_ne[k])
-    north, east, down = np.einsum("nij,nj->in", C_ne[epoch], satellite_e - antenna_e[epoch])
-    return np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
+    return angles_of(np.einsum("nij,nj->ni", C_ne[epoch], satellite_e - antenna_e[epoch]))
 
 
 def _nequick(

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from insgnss.geodesy.directions import directions
 from insgnss.report.epochs import satellites_used
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.runs.result import Run
@@ -80,8 +81,7 @@ def _hdop(satellites: pd.DataFrame, epochs: Float64) -> Float64:
     each system; HDOP^2 = (N^-1)_nn + (N^-1)_ee
     """
     tracked = satellites[satellites["state"].isin(("tracked", "used_for_start"))]
-    az, el = (np.radians(tracked[name].to_numpy()) for name in ("az_deg", "el_deg"))
-    u = np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+    u = directions(tracked["az_deg"], tracked["el_deg"])
     epoch = np.searchsorted(epochs, tracked["time_s"].to_numpy() - 1e-6)
     letters, system = np.unique(tracked["sv"].astype("str").str[:1], return_inverse=True)
     N = np.zeros((len(epochs) + 1, 3, 3))

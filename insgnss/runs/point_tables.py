@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from insgnss.geodesy.directions import angle_columns
 from insgnss.gnss.least_squares import CLOCKS
 from insgnss.gnss.observation_rows import ABSENT
 from insgnss.gnss.point import integrity
@@ -71,7 +72,6 @@ def residual_table(out: PointLog, rows: PointRows, gnss: GnssTable, week: int) -
     codes = sorted(NAMES)
     place = np.zeros(max(codes) + 1, np.int8)
     place[codes] = np.arange(len(codes))
-    u_n = np.repeat(out.u_n, values, axis=0)
     return pd.DataFrame(
         {
             "time_s": np.repeat(ns_to_week_seconds(gnss.t_ns, week), values),
@@ -81,8 +81,7 @@ def residual_table(out: PointLog, rows: PointRows, gnss: GnssTable, week: int) -
             "residual": out.residual[present],
             "sd": out.sigma[present],
             "normalised": out.normalised[present],
-            "az_deg": np.degrees(np.arctan2(u_n[:, 1], u_n[:, 0])) % 360.0,
-            "el_deg": np.degrees(np.arcsin(np.clip(-u_n[:, 2], -1.0, 1.0))),
+            **angle_columns(np.repeat(out.u_n, values, axis=0)),
             "status": _words(place[out.status[present]], tuple(NAMES[code] for code in codes)),
         }
     )

@@ -19,6 +19,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import LedgerPart
+from insgnss.geodesy.directions import angle_columns
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED
@@ -230,21 +231,13 @@ def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> 
     return {
         "time_s": _row_times(keys, week)[rows_of_table],
         "sv": keys.sv[rows_of_table],
-        **_angles(ledger["u_n"][rows_of_table], ""),
-        **_angles(ledger["u_b"][rows_of_table], "body_"),
+        **angle_columns(ledger["u_n"][rows_of_table]),
+        **angle_columns(ledger["u_b"][rows_of_table], "body_"),
         "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
         "cn0_dbhz": keys.cn0_dbhz[rows_of_table],
         "state": state,
         "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
         "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),
-    }
-
-
-def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
-    """Return azimuth (first axis towards second) and elevation (against the third) of directions (n, 3)."""
-    return {
-        f"{prefix}az_deg": np.degrees(np.arctan2(u[:, 1], u[:, 0])) % 360.0,
-        f"{prefix}el_deg": np.degrees(np.arcsin(np.clip(-u[:, 2], -1.0, 1.0))),
     }
 
 

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.directions import unit_vectors
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
@@ -203,9 +204,7 @@ def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: Simulated
 
 def directions_e(paths: SignalPaths) -> Float64:
     """Return unit directions (m, n, 3) towards the satellites in ECEF axes."""
-    level = np.cos(paths.elevation)
-    east, up = level * np.sin(paths.azimuth), np.sin(paths.elevation)
-    u_n = np.stack([level * np.cos(paths.azimuth), east, -up], axis=-1)
+    u_n = unit_vectors(paths.azimuth, paths.elevation)
     return np.asarray(np.einsum("mij,mni->mnj", ned_axes(paths.geodetic), u_n))
 
 

@@ -32,6 +32,7 @@ from insgnss.config.flight import MountedAntenna
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError
+from insgnss.geodesy.directions import angle_columns, directions
 from insgnss.interference.margin import db, ratio
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import save_study
@@ -201,8 +202,7 @@ def _along_sight(motion: Float64, rows: pd.DataFrame) -> Float64:
 
 def _directions(rows: pd.DataFrame) -> Float64:
     """Return unit lines of sight (n, 3), north-east-down."""
-    az, el = np.radians(rows["az_deg"].to_numpy(np.float64)), np.radians(rows["el_deg"].to_numpy(np.float64))
-    return np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+    return directions(rows["az_deg"].to_numpy(np.float64), rows["el_deg"].to_numpy(np.float64))
 
 
 def _emitter_table(path: FlownPath, found: Link, config: InterferenceConfig) -> pd.DataFrame:
@@ -213,10 +213,7 @@ def _emitter_table(path: FlownPath, found: Link, config: InterferenceConfig) -> 
         "emitter": pd.Categorical(np.tile(np.array(names, dtype=object), n)),
         "distance_m": found.distance_m.ravel(),
     }
-    for prefix, u in (("", found.u_n), ("body_", found.u_b)):
-        x, y, z = u.reshape(-1, 3).T
-        columns[f"{prefix}az_deg"] = np.degrees(np.arctan2(y, x)) % 360.0
-        columns[f"{prefix}el_deg"] = np.degrees(np.arcsin(np.clip(-z, -1.0, 1.0)))
+    columns |= angle_columns(found.u_n.reshape(-1, 3)) | angle_columns(found.u_b.reshape(-1, 3), "body_")
     columns["gain_dbic"] = found.gain_dbic.ravel()
     columns["received_dbw"] = found.received_dbw.ravel()
     columns["in_sight"] = found.in_sight.ravel() > 0.0

@@ -22,6 +22,7 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all, new_looks
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.directions import angle_columns
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import save_study
@@ -126,7 +127,6 @@ def _satellite_table(
     u_b = np.einsum("nji,nsj->nsi", attitude.C_nb, u_n)
     known = np.isfinite(names.sky.elevation)
     at, sv = np.nonzero(known)
-    x, y, z = u_b[known].T
     codes = sorted(NAMES)
     place = np.zeros(max(codes) + 1, np.int8)
     place[codes] = np.arange(len(codes))
@@ -135,8 +135,7 @@ def _satellite_table(
         "sv": pd.Categorical.from_codes(sv, categories=pd.Index(list(names.sky.sv_names), dtype="str")),
         "az_deg": np.degrees(names.sky.azimuth[known]) % 360.0,
         "el_deg": np.degrees(names.sky.elevation[known]),
-        "body_az_deg": np.degrees(np.arctan2(y, x)) % 360.0,
-        "body_el_deg": np.degrees(np.arctan2(-z, np.hypot(x, y))),
+        **angle_columns(u_b[known], "body_"),
         "gain_dbic": gain[known, 0],
         "sd_gain_db": gain[known, 1],
         "cn0_dbhz": settings.nominal_cn0_dbhz + gain[known, 0],

@@ -21,6 +21,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import optimize, stats
 
+from insgnss.geodesy.directions import directions
 from insgnss.runs.result import Run
 from insgnss.studies.consistency.epoch_residuals import fitted
 from insgnss.studies.consistency.error_statistics import LEAST_ROWS
@@ -81,7 +82,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
 
 def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Return the rows of a kind as ``epoch_residuals`` wants them."""
-    az, el = np.radians(rows["az_deg"]), np.radians(rows["el_deg"])
+    north, east, down = directions(rows["az_deg"], rows["el_deg"]).T
     letter = rows["sv"].str[0]
     return pd.DataFrame(
         {
@@ -89,9 +90,9 @@ def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
             "clock": letter + rows["signal"] if kind == "pseudorange" else "one drift",
             "innovation": rows["innovation"],
             "r": rows["sd_innovation"] ** 2 * (1.0 - rows["share"]),
-            "u_n": np.cos(el) * np.cos(az),
-            "u_e": np.cos(el) * np.sin(az),
-            "u_d": -np.sin(el),
+            "u_n": north,
+            "u_e": east,
+            "u_d": down,
         }
     )
 
