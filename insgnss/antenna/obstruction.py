@@ -13,19 +13,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from insgnss.antenna.installation import FARTHEST_DEG, N_AZIMUTHS, N_ELEVATIONS
+from insgnss.config.quantities import Angle, Elevation
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import angles_of, directions
 from insgnss.tables import Bool, Float64, Int8
-
-Azimuth = Annotated[float, Field(ge=-360.0, le=360.0)]
-Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 _WIDEST_POLYGON_DEG: Final = 85.0  # from its middle to a corner: beyond, which side is inside is not plain
 
@@ -34,7 +32,7 @@ class Sector(StrictModel):
     """A blocked rectangle of azimuth and elevation."""
 
     name: str = ""
-    azimuth_deg: tuple[Azimuth, Azimuth] = Field(description="from, clockwise to; [0, 360] is all around")
+    azimuth_deg: tuple[Angle, Angle] = Field(description="from, clockwise to; [0, 360] is all around")
     elevation_deg: tuple[Elevation, Elevation] = Field(description="from, to; -90 is straight down")
 
     @field_validator("azimuth_deg")
@@ -56,7 +54,7 @@ class Polygon(StrictModel):
     """A blocked polygon, its corners in order around it, joined by great circles."""
 
     name: str = ""
-    corners_deg: tuple[tuple[Azimuth, Elevation], ...] = Field(
+    corners_deg: tuple[tuple[Angle, Elevation], ...] = Field(
         min_length=3, description="pairs of azimuth and elevation"
     )
 
