@@ -18,6 +18,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv
 
+from insgnss.constants import NS_PER_MS
+from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
 from insgnss.tables import Bool, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
@@ -89,6 +91,14 @@ class AndroidCells:
         """Return a column as floats, NaN where the cell is empty or no number."""
         values, present = self._numbers(name, _DECIMAL, pa.float64(), 0.0)
         return np.where(present & np.isfinite(values), values, np.nan)
+
+    def gps_times(self, name: str) -> tuple[Int64, Bool]:
+        """Return the GPS time [ns] of a column of Unix milliseconds, and where it is a date; zero elsewhere."""
+        unix_ms, given = self.integers(name)
+        given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
+        t_ns = np.zeros(self.n, np.int64)
+        t_ns[given] = unix_to_gps_ns(unix_ms[given] * NS_PER_MS)
+        return t_ns, given
 
     def texts(self, name: str) -> list[str]:
         """Return a column as text, empty where the file has no such column."""

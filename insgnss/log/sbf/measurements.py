@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.log.files import records
 from insgnss.log.sbf.blocks import (
     CHANNEL_1,
     CHANNEL_2,
@@ -26,7 +27,6 @@ from insgnss.log.sbf.blocks import (
     Blocks,
     block_records,
     block_times_ns,
-    records,
     time_known,
 )
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, E6_B_USED, E6_SIGNAL, SATELLITES, SIGNALS
