@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.orbits.ephemeris_rows import is_beidou_geo
 from insgnss.gpstime import BDT_TO_GPS_NS, BDT_WEEK_OFFSET
 from insgnss.log.messages.bits import Field, power, unsigned
 from insgnss.log.messages.broadcast import (
@@ -18,7 +19,6 @@ from insgnss.log.messages.broadcast import (
 )
 from insgnss.log.messages.gps_lnav import KLOBUCHAR, ura_m
 
-_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))
 LENGTH: Final = 224  # information bits of a subframe: 26 of the first word, 22 of each other
 HEADER: Final = 38  # preamble, reserved bits, subframe number, seconds of the week
 PREAMBLE: Final = 0b11100010010
@@ -43,7 +43,7 @@ CLOCK: Final = (
 
 def beidou_message(sv: str) -> str:
     """Return which message a satellite sends: "D2" from a geostationary one, "D1" from the others."""
-    return "D2" if sv in _GEOSTATIONARY else "D1"
+    return "D2" if is_beidou_geo(sv, "") else "D1"
 
 
 def information_bits(words: list[int]) -> int:
