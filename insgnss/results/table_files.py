@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
@@ -21,6 +22,11 @@ TableFormat = Literal["parquet", "csv"]
 ColumnTypes = Mapping[str, str | list[str]]  # of each column its type, or the words that it is made of
 _WORDS: Final = "str"
 _PIECE_ROWS: Final = 1 << 17
+
+
+def words(codes: npt.NDArray[Any], names: Iterable[str]) -> pd.Categorical:
+    """Return a column of words by their numbers; -1 is an empty cell."""
+    return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))
 
 
 def pieces(table: pd.DataFrame) -> Iterator[pd.DataFrame]:

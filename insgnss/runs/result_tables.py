@@ -22,6 +22,7 @@ from insgnss.filter.whole_log import LedgerPart
 from insgnss.geodesy.directions import angle_columns
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.results.table_files import words
 from insgnss.status import NAMES, USED
 from insgnss.tables import Bool, Event, Float64, GnssTable, Int16, Int64
 
@@ -290,9 +291,10 @@ def _as_text(detail: str) -> str:
     return detail.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def words(codes: npt.NDArray[Any], names: tuple[str, ...]) -> pd.Categorical:
-    """Return a column of words by their numbers."""
-    return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))
+def status_words(codes: npt.NDArray[Any], names: Mapping[int, str] = NAMES) -> pd.Categorical:
+    """Return a column of the words that ``insgnss.status`` has for its codes."""
+    known = sorted(names)
+    return words(np.searchsorted(known, codes), [names[code] for code in known])
 
 
 def interpolated(t_ns: Int64, at_ns: Int64, values: Float64) -> Float64:

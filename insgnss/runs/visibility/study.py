@@ -23,17 +23,17 @@ from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.directions import angle_columns
+from insgnss.gnss.dilution import DOPS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import save_study
-from insgnss.runs.result_tables import event_table
+from insgnss.results.table_files import save_study, words
+from insgnss.runs.result_tables import event_table, status_words
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
 from insgnss.tables import Bool, Event, Float64, Int8, Int64, stretches_of
 
 TABLES: Final = ("satellites", "dop", "events")
-DOPS: Final = ("gdop", "pdop", "hdop", "vdop", "tdop")
 _SINGULAR_GDOP: Final = 1e6  # beyond it the geometry has no solution, only rounding
 _FEWEST: Final = 4  # satellites of one clock that fix a position
 
@@ -127,25 +127,17 @@ def _satellite_table(
     u_b = np.einsum("nji,nsj->nsi", attitude.C_nb, u_n)
     known = np.isfinite(names.sky.elevation)
     at, sv = np.nonzero(known)
-    codes = sorted(NAMES)
-    place = np.zeros(max(codes) + 1, np.int8)
-    place[codes] = np.arange(len(codes))
     columns: dict[str, Any] = {
         "time_s": ns_to_week_seconds(names.t_ns[at], names.week),
-        "sv": pd.Categorical.from_codes(sv, categories=pd.Index(list(names.sky.sv_names), dtype="str")),
+        "sv": words(sv, names.sky.sv_names),
         "az_deg": np.degrees(names.sky.azimuth[known]) % 360.0,
         "el_deg": np.degrees(names.sky.elevation[known]),
         **angle_columns(u_b[known], "body_"),
         "gain_dbic": gain[known, 0],
         "sd_gain_db": gain[known, 1],
         "cn0_dbhz": settings.nominal_cn0_dbhz + gain[known, 0],
-        "decision": pd.Categorical.from_codes(
-            decision[known], categories=pd.Index(list(DECISIONS), dtype="str")
-        ),
-        "reason": pd.Categorical.from_codes(
-            place[reason[known]],
-            categories=pd.Index(["none" if c == USED else NAMES[c] for c in codes], dtype="str"),
-        ),
+        "decision": words(decision[known], DECISIONS),
+        "reason": status_words(reason[known], {**NAMES, USED: "none"}),
         "antenna": antenna[known].astype(np.int64),
     }
     return pd.DataFrame(columns)
