@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.constants import NS_PER_S
@@ -83,12 +82,6 @@ class Removal:
 
 
 ALL_MEASUREMENTS: Final = Removal()
-
-
-def without(gnss: GnssTable, chosen: Bool, from_ns: int, until_ns: int) -> npt.NDArray[np.intp]:
-    """Return the indices of a log's rows that an outage leaves; ``chosen`` (n,) are those it can take."""
-    within = (gnss.t_ns >= from_ns) & (gnss.t_ns < until_ns)
-    return np.flatnonzero(~(chosen & within))
 
 
 def further_without(
