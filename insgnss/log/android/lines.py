@@ -35,7 +35,6 @@ class AndroidLines:
 
     columns: tuple[str, ...] = ()
     texts: list[str] = field(default_factory=list)
-    first_line: int = 0  # number in the file of the first of them
 
 
 def lines_by_kind(text: str) -> dict[str, AndroidLines]:
@@ -57,8 +56,6 @@ def lines_by_kind(text: str) -> dict[str, AndroidLines]:
             if not comma or not _KIND.fullmatch(kind):
                 continue
             of_kind = kinds[kind] = AndroidLines()
-        if not of_kind.texts:
-            of_kind.first_line = number
         of_kind.texts.append(line)
     for of_kind in kinds.values():
         of_kind.columns = of_kind.columns or of_all
