@@ -23,6 +23,7 @@ WGS84_J2: Final = 1.082629821313e-3  # from C20,bar = -0.484166774985e-3 (table 
 STANDARD_GRAVITY_MPS2: Final = 9.80665  # the unit g; ISO 80000-3
 
 NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
 NS_PER_US: Final = 1_000
 S_PER_WEEK: Final = 604_800
 NS_PER_WEEK: Final = S_PER_WEEK * NS_PER_S

@@ -17,6 +17,7 @@ UNIX_TO_GPS_S = 315_964_800  # GPS epoch in Unix seconds
 LATEST_WEEK = 10_000  # the year 2171: a receiver that states a later GPS week does not know the time
 BDT_WEEK_OFFSET = 1356  # BeiDou week 0 began in GPS week 1356 (BDS-SIS-ICD B1I, 3.3)
 BDT_MINUS_GPST_S = -14  # BeiDou time is 14 s behind GPS time
+BDT_TO_GPS_NS = -BDT_MINUS_GPST_S * NS_PER_S
 GST_WEEK_OFFSET = 1024  # Galileo week 0 began in GPS week 1024 (OS SIS ICD, 5.1.2)
 GLONASS_EPOCH = dt.datetime(1996, 1, 1)  # in Moscow time (GLONASS ICD 5.1, A.3.1.3)
 GLONASS_MINUS_UTC_H = 3  # GLONASS time is Moscow's, UTC + 3 h (GLONASS ICD 5.1, 3.3.3)
@@ -69,6 +70,13 @@ def leap_seconds(utc: dt.datetime) -> int:
 def utc_to_ns(utc: dt.datetime) -> int:
     """Return GPS time in ns of a UTC date; the leap seconds are those in force at it."""
     return datetime_to_ns(utc) + leap_seconds(utc) * NS_PER_S
+
+
+def unix_to_gps_ns(unix_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return GPS times in ns of Unix times in ns, with the leap seconds in force at the first."""
+    since = unix_ns - UNIX_TO_GPS_S * NS_PER_S
+    leap_s = leap_seconds(ns_to_datetime(int(since[0]))) if len(since) else 0
+    return since + leap_s * NS_PER_S
 
 
 def ns_to_utc(t_ns: npt.ArrayLike) -> npt.NDArray[np.datetime64]:

@@ -15,10 +15,17 @@ Int64 = npt.NDArray[np.int64]
 Int16 = npt.NDArray[np.int16]
 Int8 = npt.NDArray[np.int8]
 Float64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+Complex = npt.NDArray[np.complex128]
 
 # Bits of the loss-of-lock indicator: a cycle slip, an open half cycle (RINEX 3.05, table A3; 4.01, 6.5.2)
 LLI_SLIP: Final = 1
 LLI_HALF_CYCLE: Final = 2
+
+
+def stretches_of(flags: Bool) -> Int64:
+    """Return the first index and the end of each unbroken stretch of True, (k, 2)."""
+    return np.flatnonzero(np.diff(flags, prepend=False, append=False)).reshape(-1, 2)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.geodesy.directions import angles_of
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -26,7 +27,7 @@ from insgnss.geodesy.rotations import (
     quaternion_to_matrix,
     to_scipy_quaternion,
 )
-from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight
+from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.orbits.satellite_state import range_rates
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.simulation.imu import gauss_markov
@@ -104,7 +105,7 @@ def test_scipy_order_is_converted_in_one_place() -> None:
 
 def test_azimuth_is_clockwise_from_north_and_elevation_up() -> None:
     C_en = np.eye(3)  # ECEF axes stand in for north, east, down
-    azimuth, elevation = azimuth_elevation(np.array([0.0, math.cos(0.5), -math.sin(0.5)]), C_en)
+    azimuth, elevation = angles_of(C_en.T @ np.array([0.0, math.cos(0.5), -math.sin(0.5)]))
 
     assert azimuth == pytest.approx(math.pi / 2)
     assert elevation == pytest.approx(0.5)

@@ -67,8 +67,6 @@ COLUMNS: Final = (
     *("sd_range_rate_mps", "sd_range_acceleration_mps2", "sd_range_jerk_mps3"),
     *("sd_doppler_hz", "sd_doppler_rate_hz_per_s", "sd_pseudorange_m", "sd_code_delay_rate_s_per_s", "age_s"),
 )
-# of eight bytes, all other numbers are of four
-DOUBLES: Final = ("time_s", "range_rate_mps", "doppler_hz", "pseudorange_m", "code_delay_rate_s_per_s")
 
 
 @dataclass(frozen=True)
@@ -192,10 +190,6 @@ class AidingTable:
     def satellite(self) -> Int16:
         """Return the satellite of each row, its number in ``sv_names``."""
         return np.asarray(self.spans.satellite[self._entries()], np.int16)
-
-    def row_times_ns(self) -> Int64:
-        """Return the time of the inertial sample behind each row."""
-        return np.repeat(self.t_ns, self._satellites_of_times())
 
     def _satellites_of_times(self) -> Int64:
         """Return the number of rows of each time."""

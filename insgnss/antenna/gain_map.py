@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.obstruction import directions
 from insgnss.antenna.visibility import VisibilityLimits, look_at_all, new_looks
+from insgnss.geodesy.directions import directions
 from insgnss.status import MASKED_OBSTRUCTION
 from insgnss.tables import Float64
 

@@ -6,11 +6,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.antenna.gain_pattern import Pattern
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Bool, Float64, Int8
 
 N_ELEVATIONS: Final = 180  # cells of 1 deg of the raster of what is hidden
 N_AZIMUTHS: Final = 360
@@ -26,7 +25,7 @@ class Installation(NamedTuple):
     lever_b: Float64  # (k, 3) IMU to phase centre, body axes [m]
     # (k, 180, 360) angle to the edge of the free sky, negative where the airframe hides it
     clearance_deg: Int8
-    is_obstructed: npt.NDArray[np.bool_]  # (k,) whether anything hides this antenna
+    is_obstructed: Bool  # (k,) whether anything hides this antenna
 
 
 def no_antenna() -> Installation:

@@ -13,20 +13,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, field_validator
 
 from insgnss.antenna.installation import FARTHEST_DEG, N_AZIMUTHS, N_ELEVATIONS
+from insgnss.config.quantities import Angle, Elevation
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64, Int8
-
-Bool = npt.NDArray[np.bool_]
-Azimuth = Annotated[float, Field(ge=-360.0, le=360.0)]
-Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+from insgnss.geodesy.directions import angles_of, directions
+from insgnss.tables import Bool, Float64, Int8
 
 _WIDEST_POLYGON_DEG: Final = 85.0  # from its middle to a corner: beyond, which side is inside is not plain
 
@@ -35,7 +32,7 @@ class Sector(StrictModel):
     """A blocked rectangle of azimuth and elevation."""
 
     name: str = ""
-    azimuth_deg: tuple[Azimuth, Azimuth] = Field(description="from, clockwise to; [0, 360] is all around")
+    azimuth_deg: tuple[Angle, Angle] = Field(description="from, clockwise to; [0, 360] is all around")
     elevation_deg: tuple[Elevation, Elevation] = Field(description="from, to; -90 is straight down")
 
     @field_validator("azimuth_deg")
@@ -57,7 +54,7 @@ class Polygon(StrictModel):
     """A blocked polygon, its corners in order around it, joined by great circles."""
 
     name: str = ""
-    corners_deg: tuple[tuple[Azimuth, Elevation], ...] = Field(
+    corners_deg: tuple[tuple[Angle, Elevation], ...] = Field(
         min_length=3, description="pairs of azimuth and elevation"
     )
 
@@ -112,21 +109,13 @@ def read_obstruction(path: Path) -> Obstruction:
     return obstruction
 
 
-def directions(azimuth_deg: npt.ArrayLike, elevation_deg: npt.ArrayLike) -> Float64:
-    """Return unit vectors (..., 3), forward-right-down, of azimuths and elevations [deg]."""
-    azimuth, elevation = np.broadcast_arrays(np.radians(azimuth_deg), np.radians(elevation_deg))
-    level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
-
-
 def is_inside(shape: Shape, u_b: Float64) -> Bool:
     """Return which directions (n, 3), body axes, a shape blocks: exact geometry."""
     return _in_sector(shape, u_b) if isinstance(shape, Sector) else _in_polygon(shape, u_b)
 
 
 def _in_sector(sector: Sector, u_b: Float64) -> Bool:
-    elevation = np.degrees(np.arctan2(-u_b[:, 2], np.hypot(u_b[:, 0], u_b[:, 1])))
-    azimuth = np.degrees(np.arctan2(u_b[:, 1], u_b[:, 0]))
+    azimuth, elevation = np.degrees(angles_of(u_b))
     begin, end = sector.azimuth_deg
     width = (end - begin) % 360.0 or 360.0
     low, high = sector.elevation_deg

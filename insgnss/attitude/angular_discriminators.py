@@ -19,8 +19,7 @@ from insgnss.attitude.baselines import (
     phase_differences,
     phases_by_euler,
 )
-from insgnss.attitude.correlator_bank import Complex
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 
 
 def pair_discriminator(Z: Complex, psi: npt.ArrayLike) -> Float64:

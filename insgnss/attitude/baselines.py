@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError, GeometryError
+from insgnss.geodesy.directions import directions
 from insgnss.geodesy.rotations import euler_to_matrix
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 from insgnss.tracking.admissible import require_known, require_positive
 
 ANGLES: Final = ("roll", "pitch", "yaw")
@@ -109,7 +110,7 @@ class Sky:
         """Return 2 pi / lambda times the directions, (N, 3) [rad/m]."""
         return np.asarray(2.0 * math.pi / self.wavelength_m[:, None] * self.los_n)
 
-    def only(self, kept: npt.NDArray[np.bool_]) -> Sky:
+    def only(self, kept: Bool) -> Sky:
         """Return the signals that are marked, (N,)."""
         names = tuple(n for n, k in zip(self.names, kept, strict=True) if k)
         return Sky(self.los_n[kept], self.wavelength_m[kept], names)
@@ -117,9 +118,7 @@ class Sky:
 
 def sky_of_angles(az_deg: npt.ArrayLike, el_deg: npt.ArrayLike, wavelength_m: npt.ArrayLike) -> Sky:
     """Return satellites by azimuth from north to east and elevation."""
-    az, el = np.radians(np.asarray(az_deg, np.float64)), np.radians(np.asarray(el_deg, np.float64))
-    los = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)], axis=-1)
-    return Sky(los, np.asarray(wavelength_m, np.float64))
+    return Sky(directions(az_deg, el_deg), np.asarray(wavelength_m, np.float64))
 
 
 def wavelength(carrier_hz: npt.ArrayLike) -> Float64:

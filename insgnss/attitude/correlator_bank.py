@@ -10,10 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import signal_ratio
-
-Complex = npt.NDArray[np.complex128]
 
 
 def signal_ratios(cn0_dbhz: npt.ArrayLike, integration_s: float) -> Float64:

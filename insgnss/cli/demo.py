@@ -15,6 +15,7 @@ from insgnss.cli.progress import telling
 from insgnss.cli.replay import tell_run, write_run
 from insgnss.errors import ResultError
 from insgnss.log.flight import Flight
+from insgnss.results.saving import writing
 from insgnss.runs.replay import replay as run_replay
 
 FLIGHT_FOLDER: Final = "flight"
@@ -53,12 +54,6 @@ def _sample_flight(folder: Path) -> Path:
         return path
     if folder.exists() and any(folder.iterdir()):
         raise ResultError("the folder holds other files", file=folder, advice="give an empty --output folder")
-    try:
+    with writing("the sample flight", folder, "give another --output folder"):
         write_sample_flight(folder)
-    except OSError as error:
-        raise ResultError(
-            f"the sample flight cannot be written: {error.strerror}",
-            file=folder,
-            advice="give another --output folder",
-        ) from error
     return path

@@ -15,6 +15,7 @@ from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import counting, telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
+from insgnss.results.matplotlib_figure import save_figure
 from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
@@ -285,7 +286,7 @@ def _pictures(
     }
     if simulated:
         drawn["margin_thresholds"] = figures.threshold_figure(simulated)
-    return [figures.save_figure(figure, output / f"{name}.png") for name, figure in drawn.items()]
+    return [save_figure(figure, output / f"{name}.png") for name, figure in drawn.items()]
 
 
 def _flown(

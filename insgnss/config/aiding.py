@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 from pydantic import Field
 
+from insgnss.config.quantities import Constellation, NotNegative, Positive
 from insgnss.config.strict import StrictModel
 from insgnss.errors import ConfigError
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-System = Literal["G", "E", "J", "C", "R", "I", "S"]
-
 # The carrier of each constellation whose loops are aided: the one that the most receivers track first
-DEFAULT_SIGNALS: Final[dict[System, str]] = {
+DEFAULT_SIGNALS: Final[dict[Constellation, str]] = {
     "G": "C1C",
     "E": "C1C",
     "J": "C1C",
@@ -30,7 +27,7 @@ class AidingConfig(StrictModel):
     """The outputs of the loop aiding."""
 
     rate_hz: Positive = Field(50.0, description="outputs per second, at inertial samples: at most their rate")
-    signals: dict[System, str] = Field(
+    signals: dict[Constellation, str] = Field(
         DEFAULT_SIGNALS, description="RINEX code of the carrier aided; a constellation left out is not aided"
     )
     horizon_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = Field(

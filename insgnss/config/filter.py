@@ -8,14 +8,12 @@ from pydantic import Field
 
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.integrity import Integrity
+from insgnss.config.quantities import Constellation, NotNegative, Positive
 from insgnss.config.search import Search
-from insgnss.config.slow_errors import Constellation as Constellation
 from insgnss.config.slow_errors import SlowErrorSizes
 from insgnss.config.strict import StrictModel
 
 # Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
 # One sigma of a measurement: below a micrometre there is none, beyond a million metres nothing is left of one
 Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
 SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]

@@ -17,8 +17,8 @@ from insgnss.config.quantities import Angles as Angles
 from insgnss.config.quantities import AngleSigma as AngleSigma
 from insgnss.config.quantities import Height as Height
 from insgnss.config.quantities import LeverArm as LeverArm
-from insgnss.config.quantities import NonNegativeFloat as NonNegativeFloat
-from insgnss.config.quantities import PositiveFloat as PositiveFloat
+from insgnss.config.quantities import NotNegative as NotNegative
+from insgnss.config.quantities import Positive as Positive
 from insgnss.config.quantities import Vector3 as Vector3
 from insgnss.config.quantities import Velocity as Velocity
 from insgnss.config.sensors import Sensor
@@ -40,36 +40,36 @@ class ImuColumns(LogColumns):
 class ImuGrade(StrictModel):
     """The error model of an inertial sensor, per axis, one sigma."""
 
-    gyro_bias_deg_per_h: NonNegativeFloat
-    gyro_bias_instability_deg_per_h: NonNegativeFloat
-    gyro_correlation_time_s: PositiveFloat
-    gyro_arw_deg_per_sqrt_h: NonNegativeFloat
-    gyro_scale_factor_ppm: NonNegativeFloat = 0.0
-    accel_bias_mg: NonNegativeFloat
-    accel_bias_instability_mg: NonNegativeFloat
-    accel_correlation_time_s: PositiveFloat
-    accel_vrw_mps_per_sqrt_h: NonNegativeFloat
-    accel_scale_factor_ppm: NonNegativeFloat = 0.0
-    gyro_range_deg_per_s: PositiveFloat | None = None
-    accel_range_g: PositiveFloat | None = None
+    gyro_bias_deg_per_h: NotNegative
+    gyro_bias_instability_deg_per_h: NotNegative
+    gyro_correlation_time_s: Positive
+    gyro_arw_deg_per_sqrt_h: NotNegative
+    gyro_scale_factor_ppm: NotNegative = 0.0
+    accel_bias_mg: NotNegative
+    accel_bias_instability_mg: NotNegative
+    accel_correlation_time_s: Positive
+    accel_vrw_mps_per_sqrt_h: NotNegative
+    accel_scale_factor_ppm: NotNegative = 0.0
+    gyro_range_deg_per_s: Positive | None = None
+    accel_range_g: Positive | None = None
     # of data sheets or an Allan deviation that say more; quantisation and bandwidth are the simulation's alone
-    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
-    gyro_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
-    gyro_g_sensitivity_deg_per_h_per_g: NonNegativeFloat = 0.0
-    gyro_quantisation_deg: NonNegativeFloat = Field(0.0, description="of an angle increment")
-    gyro_bandwidth_hz: PositiveFloat | None = None
-    accel_random_walk_mg_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
-    accel_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
-    accel_quantisation_mps: NonNegativeFloat = Field(0.0, description="of a velocity increment")
-    accel_bandwidth_hz: PositiveFloat | None = None
+    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NotNegative = Field(0.0, description="of the bias")
+    gyro_misalignment_mrad: NotNegative = Field(0.0, description="of each axis against the other two")
+    gyro_g_sensitivity_deg_per_h_per_g: NotNegative = 0.0
+    gyro_quantisation_deg: NotNegative = Field(0.0, description="of an angle increment")
+    gyro_bandwidth_hz: Positive | None = None
+    accel_random_walk_mg_per_sqrt_h: NotNegative = Field(0.0, description="of the bias")
+    accel_misalignment_mrad: NotNegative = Field(0.0, description="of each axis against the other two")
+    accel_quantisation_mps: NotNegative = Field(0.0, description="of a velocity increment")
+    accel_bandwidth_hz: Positive | None = None
     source: str = ""
 
 
 class Oscillator(StrictModel):
     """A two-state clock by its h-parameters (one-sided densities of fractional frequency)."""
 
-    h0_s: NonNegativeFloat = Field(le=1.0)
-    h_minus2_per_s: NonNegativeFloat = Field(le=1.0)
+    h0_s: NotNegative = Field(le=1.0)
+    h_minus2_per_s: NotNegative = Field(le=1.0)
     source: str = ""
 
 
@@ -187,7 +187,7 @@ class Base(ObservationLog):
     h_m: Height = Field(
         description="of the antenna above the ellipsoid, in the frame of the satellites' orbits"
     )
-    max_age_s: PositiveFloat = Field(30.0, description="how far in time a correction may be from its use")
+    max_age_s: Positive = Field(30.0, description="how far in time a correction may be from its use")
     same_receiver: bool = Field(
         False, description="base and flight have receivers of one type: their signals share one clock"
     )
@@ -299,7 +299,7 @@ class Reference(LogTable):
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
     point: Literal["imu", "antenna"] = "imu"
-    quality_max: PositiveFloat | None = Field(
+    quality_max: Positive | None = Field(
         None,
         description="rows of a larger quality number are left out, as float (2) and single (5) of RTKLIB by 1",
     )
@@ -330,22 +330,22 @@ class AttitudeConfig(StrictModel):
         None, description="where the antennas sit: a name in models/vehicles, or a file ending in .toml"
     )
     main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
-    phase_sigma_m: PositiveFloat = Field(0.002, description="of one antenna's phase at 45 dBHz")
-    phase_floor_m: NonNegativeFloat = Field(
+    phase_sigma_m: Positive = Field(0.002, description="of one antenna's phase at 45 dBHz")
+    phase_floor_m: NotNegative = Field(
         0.0, description="white noise of one antenna's phase whatever its C/N0, in addition"
     )
-    phase_elevation_m: NonNegativeFloat = Field(
+    phase_elevation_m: NotNegative = Field(
         0.0, description="and white noise that grows as one over the sine of the elevation"
     )
-    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, in addition")
-    multipath_time_s: NonNegativeFloat = Field(60.0, description="correlation time of reflections")
+    multipath_sigma_m: NotNegative = Field(0.003, description="of one antenna's phase, in addition")
+    multipath_time_s: NotNegative = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
         2.0, description="of the second best whole cycles' loss to the best's, to be believed"
     )
     confirmations: Annotated[int, Field(ge=1)] = Field(
         3, description="epochs in a row that have to find the same whole cycles"
     )
-    gate_sigma: PositiveFloat = 4.5
+    gate_sigma: Positive = 4.5
     antenna: tuple[FurtherAntenna, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from pydantic import Field
 
+from insgnss.config.quantities import Probability
 from insgnss.config.strict import StrictModel
-
-Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 class Integrity(StrictModel):

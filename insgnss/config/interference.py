@@ -6,11 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from insgnss.config.aiding import DEFAULT_SIGNALS, System
+from insgnss.config.aiding import DEFAULT_SIGNALS
+from insgnss.config.quantities import Constellation, NotNegative, Positive
 from insgnss.config.strict import StrictModel
-
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
 
 
 class Emitter(StrictModel):
@@ -46,7 +44,9 @@ class Emitter(StrictModel):
 class LoopReceiver(StrictModel):
     """The receiver whose phase loops are studied."""
 
-    signals: dict[System, str] = Field(DEFAULT_SIGNALS, description="RINEX code tracked, per constellation")
+    signals: dict[Constellation, str] = Field(
+        DEFAULT_SIGNALS, description="RINEX code tracked, per constellation"
+    )
     # Minimum of GPS C/A at an antenna of 0 dBic [IS-GPS-200N, table 3-Va]; in fact up to 5 dB more
     signal_dbw: Annotated[float, Field(ge=-190.0, le=-120.0)] = Field(
         -158.5, description="a satellite's power at an antenna of 0 dBic"

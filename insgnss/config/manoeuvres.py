@@ -9,10 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from insgnss.config.quantities import NotNegative, Positive
 from insgnss.config.strict import StrictModel
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
 Bank = Annotated[float, Field(gt=0.0, lt=85.0)]
 Period = Annotated[float, Field(ge=0.5)]
 

@@ -6,10 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from insgnss.config.quantities import Positive
 from insgnss.config.search import Detection, Guards, Search
 from insgnss.config.strict import StrictModel
-
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 class SampledLoops(StrictModel):

@@ -7,20 +7,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from insgnss.config.quantities import Elevation, GpsSatellite, NotNegative, Positive
 from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
-SatelliteName = Annotated[str, Field(pattern=r"^G\d\d$")]
 Range = tuple[float, float]
 
 
 class SatelliteTrack(StrictModel):
     """A satellite's direction at the start and at the end; azimuth and elevation change linearly between."""
 
-    sv: SatelliteName
+    sv: GpsSatellite
     azimuth_deg: tuple[float, float]
     elevation_deg: tuple[Elevation, Elevation]
 
@@ -64,7 +61,7 @@ class StartSigmas(StrictModel):
 class SatelliteOutage(StrictModel):
     """Which satellites are off, and when: from the first moment on, until before the second."""
 
-    sv: tuple[SatelliteName, ...] = Field(min_length=1)
+    sv: tuple[GpsSatellite, ...] = Field(min_length=1)
     from_s: NotNegative
     until_s: Positive
 

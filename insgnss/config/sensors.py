@@ -23,14 +23,14 @@ from insgnss.config.quantities import (
     Angles,
     AngleSigma,
     LeverArm,
-    NonNegativeFloat,
-    PositiveFloat,
+    NotNegative,
+    Positive,
     Vector3,
 )
 
 Name = Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_]*)?$", max_length=40)]
 Names3 = tuple[ColumnName, ColumnName, ColumnName]
-Sigmas3 = tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+Sigmas3 = tuple[Positive, Positive, Positive]
 AngleSigmas = tuple[AngleSigma, AngleSigma, AngleSigma]
 
 
@@ -42,11 +42,11 @@ class SensorLog(LogTable):
     files: tuple[Path, ...] = Field(
         (), description="its log, one file after the other; none: values come live"
     )
-    interval_s: NonNegativeFloat = Field(
+    interval_s: NotNegative = Field(
         0.1, description="readings that follow sooner are left out (a fifth less passes as jitter)"
     )
-    correlation_time_s: NonNegativeFloat = Field(1.0, description="how long the readings' noise lasts")
-    gate_sigma: PositiveFloat = Field(4.0, description="a reading further from its prediction is refused")
+    correlation_time_s: NotNegative = Field(1.0, description="how long the readings' noise lasts")
+    gate_sigma: Positive = Field(4.0, description="a reading further from its prediction is refused")
 
     @property
     def label(self) -> str:
@@ -77,19 +77,19 @@ class Odometer(SensorLog):
     kind: Literal["odometer"]
     columns: OdometerColumns = OdometerColumns()
     unit: Literal["m/s", "km/h", "mph", "kn"] = "m/s"
-    metres_per_count: PositiveFloat | None = Field(
+    metres_per_count: Positive | None = Field(
         None, description="the column counts pulses of so many metres (a trip meter in metres: 1)"
     )
     signed: bool = Field(True, description="false: it reads the same forwards and backwards")
-    least_speed_mps: NonNegativeFloat = Field(0.0, description="below this speed it reads zero")
+    least_speed_mps: NotNegative = Field(0.0, description="below this speed it reads zero")
     lever_arm_m: LeverArm = Field(
         (0.0, 0.0, 0.0), description="IMU to the wheel that does not steer: forward, right, down"
     )
-    sigma_mps: PositiveFloat = Field(0.1, description="noise of a reading")
-    sigma_share: NonNegativeFloat = Field(0.01, description="noise in proportion to the speed: slip")
-    scale_sigma: PositiveFloat = Field(0.03, description="of the unknown scale factor, at the start")
-    scale_walk_per_sqrt_h: NonNegativeFloat = Field(0.002, description="how the scale factor wanders")
-    gate_sigma: PositiveFloat = 3.0
+    sigma_mps: Positive = Field(0.1, description="noise of a reading")
+    sigma_share: NotNegative = Field(0.01, description="noise in proportion to the speed: slip")
+    scale_sigma: Positive = Field(0.03, description="of the unknown scale factor, at the start")
+    scale_walk_per_sqrt_h: NotNegative = Field(0.002, description="how the scale factor wanders")
+    gate_sigma: Positive = 3.0
 
     @property
     def value_columns(self) -> tuple[str, ...]:
@@ -116,14 +116,14 @@ class Barometer(SensorLog):
     columns: BarometerColumns = BarometerColumns()
     unit: Literal["hPa", "Pa", "kPa", "m", "ft"] = Field("hPa", description="m and ft: pressure altitude")
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the pressure port")
-    sigma_m: PositiveFloat = Field(1.0, description="of a reading: noise, gusts, draught")
-    correlation_time_s: NonNegativeFloat = 2.0
-    offset_sigma_m: PositiveFloat = Field(
+    sigma_m: Positive = Field(1.0, description="of a reading: noise, gusts, draught")
+    correlation_time_s: NotNegative = 2.0
+    offset_sigma_m: Positive = Field(
         100.0, description="of the offset at the start: the day's pressure at sea level, and the geoid"
     )
-    drift_sigma_m: PositiveFloat = Field(30.0, description="of the weather: Gauss-Markov with drift_time_s")
-    drift_time_s: PositiveFloat = 86_400.0
-    scale_sigma: PositiveFloat = Field(
+    drift_sigma_m: Positive = Field(30.0, description="of the weather: Gauss-Markov with drift_time_s")
+    drift_time_s: Positive = 86_400.0
+    scale_sigma: Positive = Field(
         0.03, description="of height per altitude: 10 K from the standard atmosphere make 3.5 %"
     )
 
@@ -163,16 +163,16 @@ class Magnetometer(SensorLog):
     declination_sigma_deg: AngleSigma = Field(
         0.5, description="of the part that the calculator does not model"
     )
-    horizontal_ut: PositiveFloat = Field(
+    horizontal_ut: Positive = Field(
         description="horizontal intensity of the field [uT], from the same calculator; 15 to 40 at most places"
     )
-    horizontal_share: PositiveFloat = Field(0.03, description="its sigma, with the sensor's scale")
-    sigma_ut: PositiveFloat = Field(0.5, description="of a reading, per axis")
-    hard_iron_sigma_ut: PositiveFloat = Field(
+    horizontal_share: Positive = Field(0.03, description="its sigma, with the sensor's scale")
+    sigma_ut: Positive = Field(0.5, description="of a reading, per axis")
+    hard_iron_sigma_ut: Positive = Field(
         2.0, description="of the vehicle's own field along each axis, at the start"
     )
-    hard_iron_walk_ut_per_sqrt_h: NonNegativeFloat = Field(0.5, description="how it wanders")
-    gate_sigma: PositiveFloat = 3.0
+    hard_iron_walk_ut_per_sqrt_h: NotNegative = Field(0.5, description="how it wanders")
+    gate_sigma: Positive = 3.0
 
     @model_validator(mode="after")
     def _axes_are_a_signed_permutation(self) -> Self:
@@ -273,7 +273,7 @@ class PositionSensor(SensorLog):
     )
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the point whose position it is")
     sigma_m: Sigmas3 | None = Field(None, description="north, east, down, where the log has no sigmas")
-    correlation_time_s: NonNegativeFloat = 5.0
+    correlation_time_s: NotNegative = 5.0
 
     @model_validator(mode="after")
     def _heights_fit_the_frame(self) -> Self:

@@ -6,17 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from insgnss.config.quantities import GpsSatellite, NotNegative
 from insgnss.config.strict import StrictModel
-
-Satellite = Annotated[str, Field(pattern=r"^G\d\d$")]
-Moment = Annotated[float, Field(ge=0.0)]
 
 
 class TimedFault(StrictModel):
     """A fault that begins and may end."""
 
-    from_s: Moment
-    to_s: Moment | None = Field(None, description="until the end when left out")
+    from_s: NotNegative
+    to_s: NotNegative | None = Field(None, description="until the end when left out")
 
     @model_validator(mode="after")
     def _goes_forward(self) -> TimedFault:
@@ -34,7 +32,7 @@ class RangeStep(TimedFault):
     """A pseudorange that is wrong by a constant."""
 
     kind: Literal["range_step"]
-    sv: Satellite
+    sv: GpsSatellite
     size_m: float
 
 
@@ -42,7 +40,7 @@ class RangeRamp(TimedFault):
     """A pseudorange that runs away; its Doppler stays right."""
 
     kind: Literal["range_ramp"]
-    sv: Satellite
+    sv: GpsSatellite
     rate_mps: float
 
 
@@ -50,14 +48,14 @@ class Outage(TimedFault):
     """Satellites that are not received; all of them when none is named."""
 
     kind: Literal["outage"]
-    sv: tuple[Satellite, ...] = ()
+    sv: tuple[GpsSatellite, ...] = ()
 
 
 class ClockJump(StrictModel):
     """A step of the receiver's clock."""
 
     kind: Literal["clock_jump"]
-    at_s: Moment
+    at_s: NotNegative
     size_m: float
 
 
@@ -65,7 +63,7 @@ class FalseLock(TimedFault):
     """A carrier loop locked beside its frequency: the Doppler is off by a multiple of half the data rate."""
 
     kind: Literal["false_lock"]
-    sv: Satellite
+    sv: GpsSatellite
     offset_hz: float = 25.0
     cn0_drop_db: Annotated[float, Field(ge=0.0)] = 6.0
 
@@ -74,8 +72,8 @@ class CycleSlip(StrictModel):
     """A step of the carrier by whole cycles."""
 
     kind: Literal["cycle_slip"]
-    sv: tuple[Satellite, ...] = Field(min_length=1)
-    at_s: Moment
+    sv: tuple[GpsSatellite, ...] = Field(min_length=1)
+    at_s: NotNegative
     cycles: float
     indicated: bool = False
 
@@ -84,7 +82,7 @@ class HalfCycle(TimedFault):
     """A carrier that is half a cycle off."""
 
     kind: Literal["half_cycle"]
-    sv: tuple[Satellite, ...] = Field(min_length=1)
+    sv: tuple[GpsSatellite, ...] = Field(min_length=1)
     flagged: bool = True
 
 
@@ -92,7 +90,7 @@ class MissingMessage(StrictModel):
     """Satellites whose broadcast message is not in the navigation file."""
 
     kind: Literal["missing_message"]
-    sv: tuple[Satellite, ...] = Field(min_length=1)
+    sv: tuple[GpsSatellite, ...] = Field(min_length=1)
 
 
 class ReversedRangeRate(StrictModel):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from insgnss.config.quantities import LeverArm, NonNegativeFloat, PositiveFloat, Vector3
+from insgnss.config.quantities import LeverArm, NotNegative, Positive, Vector3
 from insgnss.config.sensors import AngleSigmas, Name, Sigmas3
 from insgnss.config.signal_faults import TimedFault
 from insgnss.config.strict import StrictModel
@@ -24,7 +24,7 @@ class SimulatedSensorLog(StrictModel):
     kind: str
     name: Name = Field("", description="its kind when left out")
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
-    noise_time_s: NonNegativeFloat = Field(0.0, description="how long the noise lasts; 0: white")
+    noise_time_s: NotNegative = Field(0.0, description="how long the noise lasts; 0: white")
     time_offset_s: Annotated[float, Field(ge=-10.0, le=10.0)] = Field(
         0.0, description="by which its tags are late; not in the flight file"
     )
@@ -40,8 +40,8 @@ class SimulatedOdometer(SimulatedSensorLog):
 
     kind: Literal["odometer"]
     lever_arm_m: LeverArm = _CENTRE
-    noise_mps: PositiveFloat = 0.05
-    scale_sigma: PositiveFloat = 0.02
+    noise_mps: Positive = 0.05
+    scale_sigma: Positive = 0.02
 
 
 class SimulatedBarometer(SimulatedSensorLog):
@@ -49,11 +49,11 @@ class SimulatedBarometer(SimulatedSensorLog):
 
     kind: Literal["barometer"]
     lever_arm_m: LeverArm = _CENTRE
-    noise_m: PositiveFloat = 0.5
-    offset_sigma_m: PositiveFloat = 30.0
-    drift_sigma_m: PositiveFloat = 10.0
-    drift_time_s: PositiveFloat = 20_000.0
-    scale_sigma: PositiveFloat = 0.02
+    noise_m: Positive = 0.5
+    offset_sigma_m: Positive = 30.0
+    drift_sigma_m: Positive = 10.0
+    drift_time_s: Positive = 20_000.0
+    scale_sigma: Positive = 0.02
 
 
 class SimulatedMagnetometer(SimulatedSensorLog):
@@ -61,20 +61,20 @@ class SimulatedMagnetometer(SimulatedSensorLog):
 
     kind: Literal["magnetometer"]
     declination_deg: float = 3.0
-    declination_sigma_deg: PositiveFloat = 0.5
-    horizontal_ut: PositiveFloat = 20.0
-    horizontal_share: PositiveFloat = 0.02
+    declination_sigma_deg: Positive = 0.5
+    horizontal_ut: Positive = 20.0
+    horizontal_share: Positive = 0.02
     down_ut: float = 43.0
-    noise_ut: PositiveFloat = 0.5
-    hard_iron_sigma_ut: PositiveFloat = 1.0
+    noise_ut: Positive = 0.5
+    hard_iron_sigma_ut: Positive = 1.0
 
 
 class SimulatedHeading(SimulatedSensorLog):
     """A heading."""
 
     kind: Literal["heading"]
-    noise_deg: PositiveFloat = 1.0
-    offset_sigma_deg: PositiveFloat = 0.5
+    noise_deg: Positive = 1.0
+    offset_sigma_deg: Positive = 0.5
 
 
 class SimulatedAttitudeSensor(SimulatedSensorLog):
@@ -89,7 +89,7 @@ class SimulatedPosition(SimulatedSensorLog):
 
     kind: Literal["position"]
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
-    noise_time_s: NonNegativeFloat = 5.0
+    noise_time_s: NotNegative = 5.0
     lever_arm_m: LeverArm = _CENTRE
     noise_m: Sigmas3 = Field((1.5, 1.5, 3.0), description="north, east, down")
 

@@ -11,20 +11,19 @@ from pydantic import Field, field_validator, model_validator
 from insgnss.config.flight import (
     ImuGrade,
     MountedAntenna,
-    NonNegativeFloat,
+    NotNegative,
     Oscillator,
-    PositiveFloat,
+    Positive,
     ReferenceColumns,
     Vector3,
 )
 from insgnss.config.log_table import LogTable
 from insgnss.config.manoeuvres import Manoeuvre
+from insgnss.config.quantities import Elevation, GpsSatellite
 from insgnss.config.signal_faults import SignalFault
 from insgnss.config.simulated_sensors import SensorFault, SensorStep, SimulatedSensor
 from insgnss.config.strict import StrictModel
 
-GpsSatellite = Annotated[str, Field(pattern=r"^G\d\d$")]
-Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
 GpsSignal = Literal["C1C", "C1L", "C1X", "C2L", "C2X", "C2S", "C5I", "C5Q", "C5X"]
 
 
@@ -44,19 +43,19 @@ class LoggedReference(LogTable):
     columns: ReferenceColumns = ReferenceColumns()
     from_s: float | None = Field(None, description="seconds of the GPS week; its beginning when left out")
     to_s: float | None = None
-    smoothing_s: PositiveFloat = Field(0.5, description="distance of the knots: what is faster is left out")
+    smoothing_s: Positive = Field(0.5, description="distance of the knots: what is faster is left out")
 
 
 class Vibration(StrictModel):
     """A spectrum that both triads feel: corners of the power density, straight in log-log, and lines."""
 
-    frequency_hz: tuple[PositiveFloat, ...] = ()
-    accel_g2_per_hz: tuple[PositiveFloat, ...] = ()
-    gyro_deg2_per_s2_per_hz: tuple[PositiveFloat, ...] = ()
-    accel_lines_hz_g: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
-    gyro_lines_hz_deg_per_s: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
-    from_s: NonNegativeFloat = Field(0.0, description="when it begins, as a motor does")
-    end_s: PositiveFloat | None = Field(None, description="when it ends; left out: with the log")
+    frequency_hz: tuple[Positive, ...] = ()
+    accel_g2_per_hz: tuple[Positive, ...] = ()
+    gyro_deg2_per_s2_per_hz: tuple[Positive, ...] = ()
+    accel_lines_hz_g: tuple[tuple[Positive, NotNegative], ...] = ()
+    gyro_lines_hz_deg_per_s: tuple[tuple[Positive, NotNegative], ...] = ()
+    from_s: NotNegative = Field(0.0, description="when it begins, as a motor does")
+    end_s: Positive | None = Field(None, description="when it ends; left out: with the log")
 
     @model_validator(mode="after")
     def _begins_before_it_ends(self) -> Vibration:
@@ -84,7 +83,7 @@ class SimulatedImu(StrictModel):
     rate_hz: Annotated[float, Field(gt=0.0, le=4000.0)] = 100.0
     values: Literal["rates", "increments"] = "rates"
     vibration: Vibration = Vibration()
-    tag_jitter_s: NonNegativeFloat = Field(0.0, description="of the time tags, one sigma")
+    tag_jitter_s: NotNegative = Field(0.0, description="of the time tags, one sigma")
     lost_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(0.0, description="of the samples, on average")
     lost_at_once: Annotated[int, Field(ge=1)] = 1
 
@@ -95,7 +94,7 @@ class SimulatedClock(StrictModel):
     oscillator: str | Oscillator = "tcxo"
     bias_m: float = 0.0
     drift_mps: float = 0.0
-    jump_beyond_m: PositiveFloat | None = Field(
+    jump_beyond_m: Positive | None = Field(
         None, description="the receiver steps by whole milliseconds beyond this bias"
     )
 
@@ -162,35 +161,35 @@ Sky = Annotated[NominalSky | RinexSky | YumaSky | TableSky, Field(discriminator=
 class WhiteNoise(StrictModel):
     """White noise of variance floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
-    floor: NonNegativeFloat
-    elevation: NonNegativeFloat = 0.0
-    cn0_at_45_dbhz: NonNegativeFloat = 0.0
+    floor: NotNegative
+    elevation: NotNegative = 0.0
+    cn0_at_45_dbhz: NotNegative = 0.0
 
 
 class Loops(StrictModel):
     """Tracking loops whose thermal noise, from C/N0, takes the place of the white noise given above."""
 
-    code_bandwidth_hz: PositiveFloat = 0.5
+    code_bandwidth_hz: Positive = 0.5
     spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
-    carrier_bandwidth_hz: PositiveFloat = 15.0
-    frequency_bandwidth_hz: PositiveFloat = Field(4.0, description="of the loop that gives the Doppler")
-    integration_s: PositiveFloat = 0.02
+    carrier_bandwidth_hz: Positive = 15.0
+    frequency_bandwidth_hz: Positive = Field(4.0, description="of the loop that gives the Doppler")
+    integration_s: Positive = 0.02
 
 
 class Multipath(StrictModel):
     """Reflections without a geometry: Gauss-Markov, sigma = floor + horizon exp(-elevation / scale)."""
 
-    floor_m: NonNegativeFloat = 0.13
-    horizon_m: NonNegativeFloat = 0.53
-    scale_deg: PositiveFloat = 10.0
-    correlation_time_s: PositiveFloat = 60.0
-    carrier_ratio: NonNegativeFloat = Field(0.01, description="of the carrier's error to the code's")
+    floor_m: NotNegative = 0.13
+    horizon_m: NotNegative = 0.53
+    scale_deg: Positive = 10.0
+    correlation_time_s: Positive = 60.0
+    carrier_ratio: NotNegative = Field(0.01, description="of the carrier's error to the code's")
 
 
 class Specular(StrictModel):
     """One plane mirror below the antenna: sea, deck, ground."""
 
-    height_m: PositiveFloat = Field(description="of the antenna above the mirror")
+    height_m: Positive = Field(description="of the antenna above the mirror")
     amplitude: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         description="of the reflected against the direct"
     )
@@ -199,18 +198,18 @@ class Specular(StrictModel):
 class EphemerisErrors(StrictModel):
     """The errors of the messages, constant in the orbit's axes, one sigma."""
 
-    radial_m: NonNegativeFloat = 0.0
-    along_m: NonNegativeFloat = 0.0
-    cross_m: NonNegativeFloat = 0.0
-    clock_m: NonNegativeFloat = 0.0
+    radial_m: NotNegative = 0.0
+    along_m: NotNegative = 0.0
+    cross_m: NotNegative = 0.0
+    clock_m: NotNegative = 0.0
 
 
 class AirErrors(StrictModel):
     """The residuals of the atmosphere models, Gauss-Markov at the zenith, one sigma."""
 
-    ionosphere_m: NonNegativeFloat = Field(0.0, description="at the zenith on L1")
-    troposphere_m: NonNegativeFloat = 0.0
-    correlation_time_s: PositiveFloat = 1800.0
+    ionosphere_m: NotNegative = Field(0.0, description="at the zenith on L1")
+    troposphere_m: NotNegative = 0.0
+    correlation_time_s: Positive = 1800.0
 
 
 class SimulatedGnss(StrictModel):
@@ -221,17 +220,15 @@ class SimulatedGnss(StrictModel):
     lever_arm_m: Vector3 = Field((0.0, 0.0, 0.0), description="IMU to antenna, forward, right, down")
     antenna: tuple[MountedAntenna, ...] = ()
     horizon_mask_deg: Elevation = 5.0
-    cn0_dbhz: PositiveFloat = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
-    cn0_sigma_db: NonNegativeFloat = 0.5
-    threshold_dbhz: NonNegativeFloat = Field(28.0, description="weaker signals are not tracked")
-    reacquire_s: NonNegativeFloat = Field(
-        2.0, description="from the signal's return to its first measurement"
-    )
+    cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
+    cn0_sigma_db: NotNegative = 0.5
+    threshold_dbhz: NotNegative = Field(28.0, description="weaker signals are not tracked")
+    reacquire_s: NotNegative = Field(2.0, description="from the signal's return to its first measurement")
     pseudorange_noise_m: WhiteNoise = WhiteNoise(floor=0.5, elevation=0.5, cn0_at_45_dbhz=0.7)
     range_rate_noise_mps: WhiteNoise = WhiteNoise(floor=0.03, elevation=0.02, cn0_at_45_dbhz=0.03)
     carrier_noise_m: WhiteNoise | None = Field(None, description="none, none is logged")
     loops: Loops | None = None
-    slips_per_hour: NonNegativeFloat = Field(0.0, description="of each carrier")
+    slips_per_hour: NotNegative = Field(0.0, description="of each carrier")
     slips_indicated: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
         0.9, description="share the receiver notices"
     )
@@ -278,9 +275,9 @@ class SimulationConfig(StrictModel):
     source: str = Field("", description="where the numbers come from")
     gps_week: Annotated[int, Field(ge=0, le=9999)]
     start_s: Annotated[float, Field(ge=0.0, lt=604_800.0)] = Field(description="seconds of the GPS week")
-    duration_s: PositiveFloat | None = Field(None, description="that of the manoeuvres when left out")
+    duration_s: Positive | None = Field(None, description="that of the manoeuvres when left out")
     place: StartPlace | None = None
-    speed_mps: NonNegativeFloat = Field(0.0, description="at the beginning")
+    speed_mps: NotNegative = Field(0.0, description="at the beginning")
     manoeuvre: tuple[Manoeuvre, ...] = ()
     follow: LoggedReference | None = None
     reference_rate_hz: Annotated[float, Field(gt=0.0, le=200.0)] = 10.0

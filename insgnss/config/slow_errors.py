@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 from pydantic import Field
 
-from insgnss.config.quantities import NonNegativeFloat, PositiveFloat
+from insgnss.config.quantities import Constellation, NotNegative, Positive
 from insgnss.config.strict import StrictModel
-
-Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
 
 
 class SlowErrorSizes(StrictModel):
@@ -19,27 +17,25 @@ class SlowErrorSizes(StrictModel):
     Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.
     """
 
-    satellite_m: dict[Constellation, NonNegativeFloat] = Field(
+    satellite_m: dict[Constellation, NotNegative] = Field(
         {"G": 0.5, "E": 0.3, "C": 0.7, "J": 0.7, "R": 2.0, "I": 1.5, "S": 3.0},
         description="orbit and clock of the message, along the line of sight",
     )
-    precise_satellite_m: NonNegativeFloat = Field(0.05, description="the same of SP3 orbits and clocks")
-    ionosphere_zenith_m: NonNegativeFloat = Field(
-        1.5, description="on L1, the residual of the ionosphere model"
-    )
-    no_ionosphere_zenith_m: NonNegativeFloat = Field(
+    precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
+    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, the residual of the ionosphere model")
+    no_ionosphere_zenith_m: NotNegative = Field(
         5.0, description="the same without a model, or without its coefficients"
     )
-    ionosphere_gradient_per_1000_km: NonNegativeFloat = Field(
+    ionosphere_gradient_per_1000_km: NotNegative = Field(
         0.6, description="of the zenith's error, to the north and to the east"
     )
-    troposphere_zenith_m: NonNegativeFloat = Field(0.05, description="the residual of the troposphere model")
-    with_base_share: NonNegativeFloat = Field(
+    troposphere_zenith_m: NotNegative = Field(0.05, description="the residual of the troposphere model")
+    with_base_share: NotNegative = Field(
         0.1, description="of all of these, after corrections of a base station"
     )
-    satellite_time_s: PositiveFloat = Field(3600.0, description="correlation time of a satellite's error")
-    air_time_s: PositiveFloat = Field(3600.0, description="the same of the errors at the zenith")
-    ionosphere_wander_m_per_sqrt_s: NonNegativeFloat = Field(
+    satellite_time_s: Positive = Field(3600.0, description="correlation time of a satellite's error")
+    air_time_s: Positive = Field(3600.0, description="the same of the errors at the zenith")
+    ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
         0.005,
         description="the ionosphere's error at the zenith wanders at most so fast between epochs of carrier phases",
     )

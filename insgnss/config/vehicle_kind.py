@@ -22,10 +22,10 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, model_validator
 
 from insgnss.config.changes import merged
+from insgnss.config.quantities import Arm
 from insgnss.config.strict import StrictModel
 
 KindOfVehicle = Literal["car", "train", "ship", "aircraft", "drone", "pedestrian", "none"]
-_Arm = Annotated[float, Field(ge=-1e3, le=1e3)]  # [m]
 _Speed = Annotated[float, Field(gt=0.0, le=1e3)]  # [m/s]
 _Angle = Annotated[float, Field(ge=0.0, le=180.0)]  # [deg]
 _SmallAngle = Annotated[float, Field(ge=-45.0, le=45.0)]  # [deg]
@@ -116,7 +116,7 @@ class NonHolonomicRows(StrictModel):
     vertical_deg: _Angle = Field(description="pitch of the body on its springs, one sigma")
     correlation_s: _Time = Field(description="correlation time of slip and pitch")
     gate_sigma: _Gate = 3.0
-    axle_m: tuple[_Arm, _Arm, _Arm] | None = Field(
+    axle_m: tuple[Arm, Arm, Arm] | None = Field(
         None, description="IMU to the point that does not slip, as the middle of the rear axle; body axes"
     )
     axle_sd_m: _Speed = Field(description="of that point, one sigma; the kind's own where axle_m is left out")

@@ -45,9 +45,7 @@ from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED
-from insgnss.tables import Float64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64
 
 
 class OwnUpdate(NamedTuple):

@@ -129,7 +129,7 @@ def _noise(noise: NoiseConfig) -> tuple[float, float, float, float]:
     )
 
 
-def _further_states(layout: Layout) -> tuple[npt.NDArray[np.float64], int, npt.NDArray[np.float64]]:
+def _further_states(layout: Layout) -> tuple[Float64, int, Float64]:
     """Return the densities of the further states (SI units squared / s), their number, and their rates [1/s]."""
     density, rate = np.zeros(MAX_OPTIONAL), np.zeros(MAX_OPTIONAL)
     processes = [(block.process, block.si_per_unit) for block in layout.blocks for _ in block.columns]
@@ -138,7 +138,7 @@ def _further_states(layout: Layout) -> tuple[npt.NDArray[np.float64], int, npt.N
     return density, layout.n_values, rate
 
 
-def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
+def _couplings(layout: Layout) -> tuple[int | Int64, ...]:
     """Return the number of couplings, and the columns of ``Layout.couplings`` with room for the most there can be."""
     couplings, table = layout.couplings, np.zeros((MAX_COUPLINGS, 4), np.int64)
     table[: len(couplings)] = np.reshape(couplings, (-1, 4))
@@ -168,7 +168,7 @@ def _slow_errors(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple
     return (*_slow_sizes(config, layout, slow), *(1.0 / time_s for time_s in times_s), *_held(layout))
 
 
-def _held(layout: Layout) -> tuple[int, npt.NDArray[np.int64]]:
+def _held(layout: Layout) -> tuple[int, Int64]:
     """Return the states that ranges hold, and so their slow errors reach: position, clock, those of ranges alone."""
     of_ranges = (SYSTEM_OFFSETS, CHANNEL_BIAS, ZENITH_DELAY, IONOSPHERE)
     further = [

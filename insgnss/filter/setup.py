@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import VisibilityLimits
-from insgnss.config.filter import Constellation, FilterConfig
+from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.config.quantities import Constellation
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock

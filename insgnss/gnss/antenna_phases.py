@@ -23,7 +23,7 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Bool, Float64, GnssTable, Int8, Int16, Int64
 
 MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
 # what the range of a row may have become without harm to its phase
@@ -51,7 +51,7 @@ class AntennaPhases:
     wavelength_m: Float64  # (n,)
     cn0_dbhz: Float64  # (n,) NaN where not logged
     sat: Float64  # (n, 6) position [m] and velocity [m/s] of the satellite at transmission, ECEF
-    has_slipped: npt.NDArray[np.bool_]  # (n,) as the receiver says
+    has_slipped: Bool  # (n,) as the receiver says
     status: Int8  # (n,) USED where the phase can be used, or why not
 
 

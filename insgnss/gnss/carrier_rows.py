@@ -33,7 +33,7 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, GnssTable, Int8, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Bool, Float64, GnssTable, Int8, Int64
 
 ABSENT = -1  # the log has no value of this kind in the row: no entry in the ledger
 CARRIER_DTYPE: Final = np.dtype(
@@ -138,7 +138,7 @@ def _phase_m(gnss: GnssTable, wavelength: Float64) -> Float64:
     return np.asarray(cycles * known, dtype=np.float64)
 
 
-def _timed(gnss: GnssTable, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_]:
+def _timed(gnss: GnssTable, epoch: Int64, n_epochs: int) -> Bool:
     """Return where the row's own pseudorange gave the time of transmission: a median's is 10 ms, 8 m off."""
     known = np.isfinite(gnss.pseudorange_m)
     middle = _epoch_median(gnss.pseudorange_m[known], epoch[known], n_epochs)
@@ -146,7 +146,7 @@ def _timed(gnss: GnssTable, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_
     return np.asarray(apart <= WIDEST_SPREAD_S * C_MPS)
 
 
-def _row_before(gnss: GnssTable, epoch: Int64, present: npt.NDArray[np.bool_]) -> Int64:
+def _row_before(gnss: GnssTable, epoch: Int64, present: Bool) -> Int64:
     """Return for each row the row of the same signal in the epoch just before, -1 where it has none."""
     before = np.full(len(epoch), -1, np.int64)
     rows = np.flatnonzero(present)
@@ -158,7 +158,7 @@ def _row_before(gnss: GnssTable, epoch: Int64, present: npt.NDArray[np.bool_]) -
     return before
 
 
-def _mark(found: Int8, where: npt.NDArray[np.bool_], status: int) -> None:
+def _mark(found: Int8, where: Bool, status: int) -> None:
     """Write a status where a test fails and none before it has."""
     found[(found == USED) & where] = status
 
@@ -172,7 +172,7 @@ def _indicated(gnss: GnssTable, now: Int64, then: Int64) -> Int8:
     return found
 
 
-def _apart(excess: Float64, limit_m: Float64 | float, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_]:
+def _apart(excess: Float64, limit_m: Float64 | float, epoch: Int64, n_epochs: int) -> Bool:
     """Return where an excess, known or NaN, is far from the median of its epoch (the receiver's clock)."""
     known = np.isfinite(excess)
     middle = _epoch_median(excess[known], epoch[known], n_epochs)
@@ -195,7 +195,7 @@ def _epoch_median(value: Float64, epoch: Int64, n_epochs: int) -> Float64:
 
 def _against_other_carrier(
     gnss: GnssTable, value: Float64, dt: Float64, epoch: Int64, rows: Int64, wavelength: Float64
-) -> npt.NDArray[np.bool_]:
+) -> Bool:
     """Return where the differences of a satellite's carriers are farther apart than an ionosphere can bring them."""
     spoilt = np.zeros(len(rows), np.bool_)
     order = np.lexsort((wavelength[rows], gnss.sv[rows], epoch))

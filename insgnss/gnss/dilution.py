@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
-from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, FitWorkspace, cholesky, clock_of, covariance
+from insgnss.gnss.least_squares import CLOCKS, FitRows, FitWorkspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
+
+DOPS: Final = ("gdop", "pdop", "hdop", "vdop", "tdop")
 
 
 @kernel(apart=True)

@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.errors import ConfigError, NavigationDataError
+from insgnss.geodesy.directions import angles_of
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.ionosphere import beidou_delay, ionosphere_above, klobuchar_delay
@@ -33,7 +34,7 @@ from insgnss.gnss.nequick import nequick_delay
 from insgnss.gnss.orbits.plausible_messages import is_ionosphere, plausible_klobuchar
 from insgnss.gnss.signals import B1I_HZ, L1_HZ
 from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
-from insgnss.tables import Float64, GnssTable, Int64, NavigationData
+from insgnss.tables import Float64, GnssTable, Int16, Int64, NavigationData
 
 MODELS: Final = ("klobuchar", "nequick", "beidou", "own", "none")
 NODE_S: Final = 300.0  # a satellite moves by 2.5 deg of its orbit
@@ -186,12 +187,11 @@ def _directions(
     C_ne = np.empty((len(antenna), 3, 3))
     for k, (lat, lon, _) in enumerate(antenna):
         ecef_to_ned_matrix(lat, lon, C_ne[k])
-    north, east, down = np.einsum("nij,nj->in", C_ne[epoch], satellite_e - antenna_e[epoch])
-    return np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
+    return angles_of(np.einsum("nij,nj->ni", C_ne[epoch], satellite_e - antenna_e[epoch]))
 
 
 def _nequick(
-    coefficients: Float64, t_ns: Int64, sv: npt.NDArray[np.int16], satellite_e: Float64, antenna: Float64
+    coefficients: Float64, t_ns: Int64, sv: Int16, satellite_e: Float64, antenna: Float64
 ) -> Float64:
     """Return NeQuick's delays: at every satellite's nodes by the model, between them by a spline."""
     delay = np.full(len(t_ns), math.nan)

@@ -12,15 +12,12 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
 from insgnss.gnss.measurement_kinds import PSEUDORANGE
 from insgnss.gnss.measurement_kinds import RANGE_RATE as RANGE_RATE
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, Int64
 
 CLOCKS: Final = 3  # where the clocks, or the drift, stand among the unknowns
 RANGE: Final = PSEUDORANGE

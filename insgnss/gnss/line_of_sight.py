@@ -95,19 +95,3 @@ def line_of_sight(
         + u[2] * v_e[2]
     ) / C_MPS
     return distance, along / (1.0 + doppler)
-
-
-@kernel
-def azimuth_elevation(u: Float64, C_en: Float64) -> tuple[float, float]:
-    """Return azimuth (from north, clockwise, -pi..pi) and elevation (-pi/2..pi/2) of a line of sight [rad].
-
-    Parameters
-    ----------
-    u : (3,) unit line of sight, ECEF
-    C_en : (3, 3) turns north-east-down components into ECEF ones
-    """
-    # u_n = C_en^T u_e
-    north = C_en[0, 0] * u[0] + C_en[1, 0] * u[1] + C_en[2, 0] * u[2]
-    east = C_en[0, 1] * u[0] + C_en[1, 1] * u[1] + C_en[2, 1] * u[2]
-    down = C_en[0, 2] * u[0] + C_en[1, 2] * u[1] + C_en[2, 2] * u[2]
-    return math.atan2(east, north), math.atan2(-down, math.sqrt(north * north + east * east))

@@ -44,7 +44,7 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, NavigationData
+from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int8, Int64, NavigationData
 
 _SYSTEMS: Final = "GRECJIS"
 _SLOTS_EACH: Final = 64
@@ -58,9 +58,6 @@ _FASTEST_MPS = 2.0e4
 # a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
 _WIDEST_SIGMA: Final = (1.0e6, 1.0e5)  # [m], [m/s]
 MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
-
-
-Int8: TypeAlias = npt.NDArray[np.int8]
 
 
 class Observation(Record):
@@ -82,7 +79,7 @@ class Observation(Record):
     group: Annotated[int, np.int8]  # clock: 0 the reference, 1.. the others
     channel: Annotated[int, np.int8]  # GLONASS frequency channel, 0 for all others
     # per kind: USED when the filter may try it, ABSENT, or why not
-    status: Annotated[npt.NDArray[np.int8], 2]
+    status: Annotated[Int8, 2]
     no_satellite: Annotated[int, np.int8]  # 1: no satellite state, nothing can be predicted
 
 
@@ -316,7 +313,7 @@ def _signal_choice(gnss: GnssTable, signals: Mapping[str, tuple[str, ...]]) -> I
 def _kind_status(
     kind: int,
     value: Float64,
-    absent: npt.NDArray[np.bool_],
+    absent: Bool,
     usable: Int8,
     sigma: Float64 | None,
     wanted: bool,

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, S_PER_DAY
 from insgnss.gpstime import leap_seconds, ns_to_datetime
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 ASTRONOMICAL_UNIT_M: Final = 149_597_870_700.0  # IAU 2012, resolution B2
 _J2000_S: Final = 630_763_200.0  # 2000-01-01 12:00, 7300.5 days after the start of GPS time
@@ -92,7 +91,7 @@ def phase_centre_offsets(antennas: SatelliteAntennas, sv: str, t_ns: Int64, r_e:
     return np.asarray(np.einsum("nij,nj->ni", body_axes(r_e, sun_position(t_ns)), offset_b))
 
 
-def offsets_of(antennas: SatelliteAntennas, sv: str, t_ns: Int64) -> tuple[Float64, npt.NDArray[np.bool_]]:
+def offsets_of(antennas: SatelliteAntennas, sv: str, t_ns: Int64) -> tuple[Float64, Bool]:
     """Return the offset in body axes (n, 3) at each time, zero where none is known, and where one is."""
     offset_b, known = np.zeros((len(t_ns), 3)), np.zeros(len(t_ns), np.bool_)
     for row, name in enumerate(antennas.sv_names):

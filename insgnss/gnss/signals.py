@@ -78,7 +78,6 @@ class Signal:
     source: str  # section of the ICD in words
     group_delay_fnav: tuple[float, float] | None = None  # instead, when the clock is Galileo's F/NAV
     neglects: str = ""  # what the group delay neglects
-    default_used: bool = False  # the one signal of the satellite used by default
     channel_step_hz: float = 0.0  # between GLONASS channels
 
 
@@ -93,7 +92,7 @@ class UnsupportedSignal:
 
 def _gps() -> tuple[Signal, ...]:
     return (
-        Signal("G", "L1 C/A", "L1", ("C1C",), L1_HZ, (1, 0), _IS200, neglects=_NO_ISC, default_used=True),
+        Signal("G", "L1 C/A", "L1", ("C1C",), L1_HZ, (1, 0), _IS200, neglects=_NO_ISC),
         Signal("G", "L1 P(Y)", "L1", ("C1W", "C1P", "C1Y"), L1_HZ, (1, 0), _IS200),
         Signal("G", "L1C", "L1", ("C1L", "C1X", "C1S"), L1_HZ, (1, 0), _IS200_ISC, neglects=_NO_ISC),
         Signal("G", "L2C", "L2", ("C2L", "C2X", "C2S"), L2_HZ, (_GAMMA_L2, 0), _IS200, neglects=_NO_ISC),
@@ -109,7 +108,7 @@ def _galileo() -> tuple[Signal, ...]:
     e5 = "its own delay: the mean of E5a and E5b is taken, about 0.5 m"
     e6 = "its own delay: that of E5b is taken, up to 3 m"
     return (
-        Signal("E", "E1 OS", "L1", ("C1C", "C1X", "C1B"), L1_HZ, (0, 1), _GAL, (1, 0), default_used=True),
+        Signal("E", "E1 OS", "L1", ("C1C", "C1X", "C1B"), L1_HZ, (0, 1), _GAL, (1, 0)),
         Signal("E", "E5a", "L5", ("C5Q", "C5X", "C5I"), L5_HZ, (a, 1), _GAL, (1 + a, 0)),
         Signal("E", "E5b", "E5b", ("C7Q", "C7X", "C7I"), E5B_HZ, (0, 1 + b), _GAL, (1, b)),
         Signal(
@@ -126,8 +125,8 @@ def _beidou() -> tuple[Signal, ...]:
     no_b2a = "its own delay (CNAV only), up to 3 m"
     no_b2b = "its own delay (CNAV only), up to 3 m: TGD2 is taken"
     return (
-        Signal("C", "B1I", "B1", b1i, B1I_HZ, (1, 0), _BDS, default_used=True),
-        Signal("C", "B1C", "L1", b1c, L1_HZ, (1, 0), _BDS_CNAV, neglects=no_b1c, default_used=True),
+        Signal("C", "B1I", "B1", b1i, B1I_HZ, (1, 0), _BDS),
+        Signal("C", "B1C", "L1", b1c, L1_HZ, (1, 0), _BDS_CNAV, neglects=no_b1c),
         Signal("C", "B2a", "L5", ("C5P", "C5X", "C5D"), L5_HZ, (0, 0), _BDS_CNAV, neglects=no_b2a),
         Signal("C", "B2I", "E5b", ("C7I", "C7X", "C7Q"), E5B_HZ, (0, 1), _BDS),
         Signal("C", "B2b", "E5b", ("C7P", "C7Z", "C7D"), E5B_HZ, (0, 1), _BDS_CNAV, neglects=no_b2b),
@@ -141,14 +140,14 @@ def _regional() -> tuple[Signal, ...]:
     l5_navic = ("C5A", "C5X", "C5B", "C5C")
     no_l5 = "the difference of L1 and L5, up to 3 m"
     return (
-        Signal("J", "L1 C/A", "L1", ("C1C", "C1E"), L1_HZ, (1, 0), _QZS, default_used=True),
+        Signal("J", "L1 C/A", "L1", ("C1C", "C1E"), L1_HZ, (1, 0), _QZS),
         Signal("J", "L1C", "L1", ("C1L", "C1X", "C1S"), L1_HZ, (1, 0), _QZS, neglects=_NO_ISC),
         Signal("J", "L1S", "L1", ("C1Z",), L1_HZ, (1, 0), _QZS, neglects=_NO_ISC),
         Signal("J", "L2C", "L2", ("C2L", "C2X", "C2S"), L2_HZ, (_GAMMA_L2, 0), _QZS, neglects=_NO_ISC),
         Signal("J", "L5", "L5", ("C5Q", "C5X", "C5I"), L5_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
         Signal("J", "L5S", "L5", ("C5P", "C5Z", "C5D"), L5_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
         Signal("J", "L6", "E6", l6, E6_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
-        Signal("I", "L5 SPS", "L5", l5_navic, L5_HZ, (_GAMMA_NAVIC_L5, 0), _NAVIC, default_used=True),
+        Signal("I", "L5 SPS", "L5", l5_navic, L5_HZ, (_GAMMA_NAVIC_L5, 0), _NAVIC),
         Signal("I", "S SPS", "S", ("C9A", "C9X", "C9B", "C9C"), S_HZ, (1, 0), _NAVIC),
         Signal("S", "L1 C/A", "L1", ("C1C",), L1_HZ, (0, 0), _SBAS),
         Signal("S", "L5", "L5", ("C5I", "C5X", "C5Q"), L5_HZ, (0, 0), _SBAS, neglects=no_l5),
@@ -176,7 +175,7 @@ def _glonass() -> tuple[Signal, ...]:
         )
 
     return (
-        signal("G1 C/A", "L1", "C1C", g1, default_used=True),
+        signal("G1 C/A", "L1", "C1C", g1),
         signal("G1 P", "L1", "C1P", g1),
         signal("G2 C/A", "L2", "C2C", g2),
         signal("G2 P", "L2", "C2P", g2),
@@ -198,7 +197,6 @@ UNSUPPORTED: Final[tuple[UnsupportedSignal, ...]] = (
 
 _BY_CODE: Final = {(signal.system, code): signal for signal in SIGNALS for code in signal.codes}
 _REASONS: Final = {(entry.system, code): entry.reason for entry in UNSUPPORTED for code in entry.codes}
-_DEFAULT_CODES: Final = [(s.system, code) for s in SIGNALS if s.default_used for code in s.codes]
 
 
 def signal_of(system: str, code: str) -> Signal | None:
@@ -244,9 +242,3 @@ def ionosphere_factor(system: str, code: str, channel: int | None = None) -> flo
 def inter_signal_index(system: str, code: str) -> int:
     """Return which entry of ``NavigationData.inter_signal_s`` belongs to a signal, -1 for none."""
     return INTER_SIGNAL[code] if system in "GJ" and code in INTER_SIGNAL else -1
-
-
-def default_rank(system: str, code: str) -> int:
-    """Return the default order of preference among a satellite's codes (0 first), -1 when not used."""
-    key = (system, code)
-    return _DEFAULT_CODES.index(key) if key in _DEFAULT_CODES else -1

@@ -178,45 +178,12 @@ def mapped(m: Float64, sine: float) -> tuple[float, float]:
     """Return slant delay over zenith delay, hydrostatic and wet, at the sine of an elevation; ``m`` of the place.
 
     Equation: Herring's continued fraction (1 + a/(1 + b/(1 + c))) / (s + a/(s + b/(s + c))), and Niell's height term
-    h (1/s - f_height(s)), eq. 6
+    h (1/s - f_height(s)), eq. 6; at the mean of the year.
+    Neglects: the season (1e-3 of the slant delay at 10 deg, 5 cm of delay at 5 deg, 60 deg latitude). Below 2 deg
+    of elevation the factors stay what they are at 2 deg.
     """
     s = max(sine, _LOWEST_SINE)
     hydrostatic = m[6] / (s + m[0] / (s + m[1] / (s + m[2])))
     wet = m[7] / (s + m[3] / (s + m[4] / (s + m[5])))
     height = _HEIGHT_AT_ZENITH / (s + _HEIGHT[0] / (s + _HEIGHT[1] / (s + _HEIGHT[2])))
     return hydrostatic + m[8] * (1.0 / s - height), wet
-
-
-@kernel
-def mapping_factors(lat: float, h: float, elevation: float) -> tuple[float, float]:
-    """Return slant delay over zenith delay, hydrostatic and wet.
-
-    Equation: Niell (1996), eq. 4 to 6, at the mean of the year.
-    Neglects: the season (1e-3 of the slant delay at 10 deg, 5 cm of delay at 5 deg, 60 deg latitude). Below 2 deg
-    of elevation the factors stay what they are at 2 deg.
-
-    Parameters
-    ----------
-    lat, h : of the antenna [rad, m]
-    elevation : of the satellite [rad]
-    """
-    m = np.empty(9)
-    mapping_coefficients(lat, h, m)
-    return mapped(m, math.sin(elevation))
-
-
-@kernel
-def tropospheric_delay(lat: float, h: float, elevation: float) -> float:
-    """Return the delay through the standard atmosphere [m]: 2.4 m at the zenith at sea level, 0 above the air.
-
-    Neglects: the weather (5 cm at the zenith) and what ``mapping_factors`` neglects.
-
-    Parameters
-    ----------
-    lat, h : of the antenna [rad, m]
-    elevation : of the satellite [rad], taken as 2 deg when lower
-    """
-    pressure, temperature, vapour = standard_atmosphere(h)
-    dry, wet = zenith_delays(lat, h, pressure, temperature, vapour)
-    dry_factor, wet_factor = mapping_factors(lat, h, elevation)
-    return dry * dry_factor + wet * wet_factor

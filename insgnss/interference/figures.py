@@ -6,18 +6,15 @@ matplotlib is loaded when a picture is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.errors import ResultError
 from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
 from insgnss.interference.trade_off_diagram import diagram, trade_off
 from insgnss.results.matplotlib_figure import new_figure
-from insgnss.results.saving import saving
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:
@@ -118,21 +115,3 @@ def threshold_figure(found: Sequence[LockThreshold]) -> Figure:
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
     return figure
-
-
-def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a picture; return its path.
-
-    Raises
-    ------
-    ResultError : the file cannot be written
-    """
-    path = Path(path)
-    try:
-        with saving(path.parent, (path.name,), "picture") as new:
-            figure.savefig(new / path.name, dpi=120)
-    except OSError as error:
-        raise ResultError(
-            f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"
-        ) from error
-    return path

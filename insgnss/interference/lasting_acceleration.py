@@ -17,7 +17,7 @@ from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
 from insgnss.interference.optimal_loop import SecondOrderGains, gains, threshold_noise
 from insgnss.interference.third_order import third_order_threshold_noise
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _BISECTIONS: Final = 50  # of a bracket of at most 15 decades: to 1e-12
 # by which the third order has to be better to be taken: below it is rounding, without acceleration both are one loop
@@ -29,7 +29,7 @@ class MotionThreshold(NamedTuple):
 
     noise: Float64  # S_n,thr [rad^2/Hz]
     density: Float64  # S of the Wiener drift that has this threshold by (18), one-sided [rad^2/s^3]
-    order: npt.NDArray[np.int64]  # 2 or 3
+    order: Int64  # 2 or 3
 
 
 def threshold_in_motion(

@@ -8,7 +8,6 @@ baseband density over both signs of frequency is the one-sided density at the ca
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -201,8 +200,3 @@ def line_separation(modulation: Modulation, front_end_hz: float, offset_hz: floa
     kept = power_within(modulation, front_end_hz)
     inside = abs(offset_hz) <= 0.5 * front_end_hz
     return float(spectrum(modulation, offset_hz)) / kept**2 if inside else 0.0
-
-
-def all_signal_names(systems: Sequence[str] = "GRECJIS") -> list[str]:
-    """Return the names that ``signal_named`` knows."""
-    return [signal_name(s) for s in SIGNALS if s.system in systems]

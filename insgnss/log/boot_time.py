@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_US
-from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
-from insgnss.tables import Event, Int64
+from insgnss.gpstime import unix_to_gps_ns
+from insgnss.tables import Bool, Event, Int64
 
 _EARLIEST_US: Final = 1_100_000_000_000_000  # November 2004; a receiver without a date states earlier ones
 _LATEST_US: Final = 6_300_000_000_000_000  # the year 2169
@@ -34,7 +34,7 @@ class BootClock:
     rate: float
     scatter_s: float
 
-    def is_near(self, boot_us: Int64) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def is_near(self, boot_us: Int64) -> Bool:
         """Return which times of the autopilot can be those of this log."""
         return np.asarray((boot_us > self.boot_0_us - FURTHEST_US) & (boot_us < self.boot_0_us + FURTHEST_US))
 
@@ -46,14 +46,7 @@ class BootClock:
         )
 
 
-def utc_us_to_gps_ns(utc_us: Int64) -> Int64:
-    """Return GPS time of Unix microseconds, with the leap seconds in force at the first."""
-    since = utc_us - UNIX_TO_GPS_S * 1_000_000
-    leap = leap_seconds(ns_to_datetime(int(since[0]) * NS_PER_US)) if len(since) else 0
-    return since * NS_PER_US + leap * NS_PER_S
-
-
-def dated(rows: Any) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def dated(rows: Any) -> Bool:
     """Return which GPS messages state a date."""
     utc_us = np.asarray(rows["time_utc_usec"]).astype(np.float64)
     return np.asarray((utc_us > _EARLIEST_US) & (utc_us < _LATEST_US))
@@ -70,7 +63,7 @@ def boot_clock(fixes: Any | None) -> tuple[BootClock | None, list[Event]]:
         return None, []
     relative = np.asarray(fixes.get("timestamp_time_relative", np.zeros(len(good)))).astype(np.int64)
     boot_us = (np.asarray(fixes["timestamp"]).astype(np.int64) + relative)[good]
-    gps_ns = utc_us_to_gps_ns(np.asarray(fixes["time_utc_usec"]).astype(np.int64)[good])
+    gps_ns = unix_to_gps_ns(np.asarray(fixes["time_utc_usec"]).astype(np.int64)[good] * NS_PER_US)
     since_s = (boot_us - boot_us[0]) / 1e6
     offset_s = ((gps_ns - gps_ns[0]) - (boot_us - boot_us[0]) * NS_PER_US) / NS_PER_S
     kept = np.abs(offset_s - np.median(offset_s)) < 1.0  # a date that jumped

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from insgnss.tables import GnssTable, Int64
+from insgnss.tables import Bool, GnssTable, Int64
 
 
-def slipped_rows(
-    table: GnssTable, lock_ms: Int64, halved: npt.NDArray[np.bool_], ceiling_ms: int | Int64
-) -> npt.NDArray[np.bool_]:
+def slipped_rows(table: GnssTable, lock_ms: Int64, halved: Bool, ceiling_ms: int | Int64) -> Bool:
     """Return for rows in time order whether the carrier may have slipped since its last valid value.
 
     It has when the lock time fell or is shorter than the time since then, or when a half cycle was subtracted or added;

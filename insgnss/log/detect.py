@@ -9,9 +9,12 @@ from typing import Final, Literal
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
-from insgnss.log.novatel.frames import frames_in
+from insgnss.log.novatel.frames import NovatelFrames
+from insgnss.log.novatel.frames import frames_in as novatel_frames
 from insgnss.log.novatel.rewritten import ascii_bytes
 from insgnss.log.sbf.blocks import find_blocks
+from insgnss.log.ubx.frames import UbxFrames
+from insgnss.log.ubx.frames import frames_in as ubx_frames
 
 Format = Literal[
     "ubx", "sbf", "novatel", "rtcm", "ulog", "mcap", "android", "rinex_observation", "rinex_navigation"
@@ -30,9 +33,6 @@ NAMES: Final[dict[Format, str]] = {
 _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
 _MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
-_UBX_SYNC: Final = b"\xb5\x62"
-_UBX_TRIES: Final = 500  # sync words looked at, so that a file full of them costs at most a second
-_UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
@@ -64,9 +64,9 @@ def detect_format(path: Path) -> Format:
         return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
     # a receiver's own format takes precedence over RTCM in the same file
     own: dict[Format, int] = {
-        "ubx": _ubx_bytes(data),
+        "ubx": _framed_bytes(ubx_frames(path, data)),
         "sbf": _sbf_bytes(data),
-        "novatel": _novatel_bytes(path, data),
+        "novatel": _framed_bytes(novatel_frames(path, data)) + ascii_bytes(data),
     }
     if any(own.values()):
         return max(own, key=lambda kind: own[kind])
@@ -81,29 +81,9 @@ def detect_format(path: Path) -> Format:
     )
 
 
-def _ubx_bytes(data: bytes) -> int:
-    """Return how many bytes lie in UBX frames with a sound check sum (ISO 1145, 8-bit Fletcher)."""
-    total, tries, at = 0, _UBX_TRIES, data.find(_UBX_SYNC)
-    while 0 <= at <= len(data) - 8 and tries:
-        tries -= 1
-        end = at + 6 + int.from_bytes(data[at + 4 : at + 6], "little")
-        fits = end + 2 <= len(data) and end - at <= _UBX_LONGEST
-        if fits and _fletcher(data[at + 2 : end]) == data[end : end + 2]:
-            total += end + 2 - at
-            if total > _HEAD:
-                break
-            at = data.find(_UBX_SYNC, end + 2)
-        else:
-            at = data.find(_UBX_SYNC, at + 1)
-    return total
-
-
-def _fletcher(data: bytes) -> bytes:
-    a = b = 0
-    for byte in data:
-        a = (a + byte) & 0xFF
-        b = (b + a) & 0xFF
-    return bytes((a, b))
+def _framed_bytes(frames: UbxFrames | NovatelFrames) -> int:
+    """Return how many bytes lie in frames with a sound check sum."""
+    return len(frames.data) - frames.foreign_bytes if frames.count else 0
 
 
 def _sbf_bytes(data: bytes) -> int:
@@ -113,12 +93,6 @@ def _sbf_bytes(data: bytes) -> int:
         int.from_bytes(data[at + 6 : at + 8], "little") for starts in found.starts.values() for at in starts
     )
     return sum(known) + 8 * found.unread
-
-
-def _novatel_bytes(path: Path, data: bytes) -> int:
-    """Return how many bytes lie in NovAtel messages, binary or ASCII, with a sound check sum."""
-    frames = frames_in(path, data)
-    return ascii_bytes(data) + (len(data) - frames.foreign_bytes if frames.count else 0)
 
 
 def _rtcm_bytes(data: bytes) -> int:

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 import ncompress
+import numpy as np
 import pyarrow as pa
 
 from insgnss.config.files import existing_file
 from insgnss.errors import InputError
+from insgnss.tables import Int64
 
 GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
@@ -127,6 +129,16 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
         return unpacked
     stream.seek(0)
     return stream
+
+
+def records(
+    data: bytes, starts: list[int] | Int64, layout: np.dtype[np.void]
+) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    """Return the records of a layout that begin at ``starts``, one for each."""
+    if not len(starts):
+        return np.zeros(0, layout)
+    at = np.asarray(starts, dtype=np.int64)[:, None] + np.arange(layout.itemsize)
+    return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]
 
 
 def file_text(path: Path) -> str:

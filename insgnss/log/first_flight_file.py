@@ -8,7 +8,7 @@ from typing import Final
 
 from insgnss.constants import NS_PER_WEEK
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.android.fixes import OWN_SOLUTION
+from insgnss.log.own_solution import OWN_SOLUTION
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.satellites import channel_of_name
 

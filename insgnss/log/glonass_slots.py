@@ -18,7 +18,7 @@ from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.satellites import channel_of_name
 from insgnss.status import USED
-from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable
 
 _PIECE_NS: Final = 300 * NS_PER_S  # in which a satellite moves 3 deg
 _OLDEST_NS: Final = 1800 * NS_PER_S  # of a message: the satellite has moved 16 deg
@@ -77,9 +77,7 @@ def _pieces(t_ns: Int64) -> list[tuple[int, int]]:
     return list(pairwise(bounds))
 
 
-def _zenith(
-    part: GnssTable, unknown: np.ndarray[tuple[int], np.dtype[np.bool_]], navigation: NavigationData
-) -> Float64 | None:
+def _zenith(part: GnssTable, unknown: Bool, navigation: NavigationData) -> Float64 | None:
     """Return the mean direction (3,) of the satellites that a stretch names, one row of each, None without any."""
     rows = np.flatnonzero(~unknown & np.isfinite(part.pseudorange_m))
     if not len(rows):

@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
-from insgnss.results.saving import saving_file
+from insgnss.errors import ConfigError, InputError, MissingFileError
+from insgnss.results.saving import saving_file, writing
 from insgnss.tracking.signal import Sampling, SignalSamples
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
@@ -146,7 +146,7 @@ def write_iq(
         _refuse_type(sample_type, order)
     kind, place = np.dtype(SAMPLE_TYPES[sample_type]), Path(path)
     limit, clipped = np.iinfo(kind), 0
-    try:
+    with writing("the recording", path):
         place.parent.stat()  # refuses a folder that is not there, which a save would make
         with saving_file(place, "recording") as new, open(new, "wb") as file:
             for block in blocks:
@@ -156,10 +156,6 @@ def write_iq(
                     parts.insert(order.index("q"), numbers.quadrature)
                 file.write(np.stack(parts, axis=-1).astype(kind).tobytes())
                 clipped += sum(int(np.isin(part, (limit.min, limit.max)).sum()) for part in parts)
-    except OSError as error:
-        raise ResultError(
-            f"the recording cannot be written: {error.strerror}", file=path, advice="give another folder"
-        ) from error
     return clipped
 
 

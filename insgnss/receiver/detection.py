@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.config.search import Detection
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _SNR_BISECTIONS: Final = 45  # of a bracket of a factor 2: to 3e-14 of the ratio
 _POISSON_SIGMAS: Final = 12.0  # weights further from their mean are below 1e-30
@@ -32,7 +32,7 @@ class Accumulation(NamedTuple):
     """How a signal of a given strength is collected."""
 
     time_s: Float64  # in all; inf where the allowed number of looks does not suffice
-    looks: npt.NDArray[np.int64]
+    looks: Int64
     look_s: Float64  # coherent part: time_s / looks; inf where time_s is
 
 

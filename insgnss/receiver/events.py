@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.receiver.tracking_state import (
@@ -206,9 +205,7 @@ def _searches(log: ReceiverEvents, sv: int, t_ns: Int64) -> list[tuple[int, int]
     return found
 
 
-def _time_in(
-    states: tuple[int, ...], begin: int, end: int, t_ns: Int64, state: npt.NDArray[np.int8]
-) -> float:
+def _time_in(states: tuple[int, ...], begin: int, end: int, t_ns: Int64, state: Int8) -> float:
     """Return how long between two times the supervisor's state was one of these [s]."""
     start = np.clip(t_ns[:-1], begin, end)
     stop = np.clip(t_ns[1:], begin, end)

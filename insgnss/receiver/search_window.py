@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.search import Detection, Grid, Search
+from insgnss.config.search import Grid, Search
 from insgnss.constants import C_MPS
-from insgnss.receiver.detection import Detector, accumulation, detector
-from insgnss.tables import Float64
+from insgnss.receiver.detection import Detector, accumulation
+from insgnss.tables import Bool, Float64
 
 
 class SignalScale(NamedTuple):
@@ -27,7 +26,7 @@ class SearchWindow(NamedTuple):
 
     sigma_delay_m: Float64  # sqrt(D) of the delay
     sigma_doppler_hz: Float64  # sqrt(D) of the rate over the wavelength
-    within_aperture: npt.NDArray[np.bool_]  # the loops may be closed at the predicted place
+    within_aperture: Bool  # the loops may be closed at the predicted place
     accumulation_s: Float64  # of one cell; inf where no allowed accumulation suffices
     delay_cells: Float64  # whole numbers; NaN where there is no prediction
     doppler_bins: Float64  # NaN where there is no prediction, or without a sufficient accumulation
@@ -114,43 +113,3 @@ def unsupervised_sweep_s(settings: Search, need: Detector) -> float:
     bins = doppler_bins(np.asarray(receiver.doppler_half_width_hz), np.asarray(collected.look_s), grid)
     sweep = search_time_s(receiver.delay_cells * bins, collected.time_s, grid.correlators)
     return float(sweep)
-
-
-class AccumulationTable(NamedTuple):
-    """The paper's table 1 and its example, by each way to compute them; times in seconds, one entry a C/N0."""
-
-    cn0_dbhz: Float64
-    printed_s: Float64  # Sokolov and Yurchenko 2015, table 1
-    albersheim_s: Float64
-    exact_s: Float64
-    coherent_s: Float64  # were the phase known
-    data_bits_s: Float64  # pieces of 20 ms, as data bits demand, exact
-    example_search_s: Float64  # 1000 cells, 100 correlators, by Albersheim
-
-
-def accumulation_table() -> AccumulationTable:
-    """Return the accumulation times at 35, 30, 25, 20 dBHz for Pd 0.99, Pfa 1e-3, 2.5 dB loss."""
-    cn0_dbhz = np.array([35.0, 30.0, 25.0, 20.0])
-    printed_s = np.array([0.010, 0.0316, 0.100, 0.316])
-    ways = (
-        Detection(),
-        Detection(method="exact"),
-        Detection(method="coherent"),
-        Detection(method="exact", coherent_limit_s=0.02, max_looks=64),
-    )
-    times = [accumulation(cn0_dbhz, detector(way)).time_s for way in ways]
-    example_s = search_time_s(1000, times[0], 100)
-    return AccumulationTable(cn0_dbhz, printed_s, times[0], times[1], times[2], times[3], example_s)
-
-
-def mean_grid_loss_db(grid: Grid) -> float:
-    """Return the mean loss of a signal that lies anywhere in its cell: code triangle times sinc^2 of the Doppler.
-
-    Equation: mean of (1 - |x|)^2 over |x| <= step / 2 times mean of sinc^2(y) over |y| <= step / 2
-                                                                    [Kaplan and Hegarty 2017, chapter 8]
-    """
-    middle = (np.arange(1000) + 0.5) / 1000  # the midpoint rule is good to 1e-6 here
-    chips = 0.5 * grid.delay_step_chips * middle
-    cycles = 0.5 * grid.doppler_step_cycles * middle
-    power = np.mean(np.maximum(1.0 - chips, 0.0) ** 2) * np.mean(np.sinc(cycles) ** 2)
-    return -10.0 * math.log10(power)

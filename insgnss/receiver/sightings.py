@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.receiver.tracking_state import MISSING, NOT_KNOWN, PRESENT
-from insgnss.tables import GnssTable, Int8, Int64
+from insgnss.tables import Bool, GnssTable, Int8, Int64
 
 LATE_EPOCHS: Final = 1.5  # usual intervals after which an epoch says nothing any more: one was left out
 
@@ -18,7 +17,7 @@ class Sightings(NamedTuple):
     """The epochs of a receiver's log, and which satellites have a pseudorange in each, on any signal."""
 
     epoch_ns: Int64  # (k,) increasing
-    seen: npt.NDArray[np.bool_]  # (k, s)
+    seen: Bool  # (k, s)
     sv_names: tuple[str, ...]  # (s,)
 
 

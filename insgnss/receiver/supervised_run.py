@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.antenna.visibility import DECISIONS, UNDECIDED
@@ -37,6 +36,7 @@ from insgnss.receiver.predictions import Outlook
 from insgnss.receiver.sightings import Sightings, presence
 from insgnss.receiver.supervisor import Predictions, Supervision, Totals, Transitions, supervise
 from insgnss.receiver.tracking_state import ABSENT, NOT_KNOWN, REASON_NAMES, STATE_NAMES
+from insgnss.results.table_files import words
 from insgnss.tables import Float64, Int8, Int64
 
 RECEIVER_NAMES: Final = ("not_known", "missing", "present")  # presence + 1
@@ -137,10 +137,10 @@ def supervision_table(
     sd_range, sd_rate = np.sqrt(predicted.d_range_m2[row]), np.sqrt(predicted.d_rate_m2ps2[row])
     columns: dict[str, Any] = {
         "time_s": ns_to_week_seconds(predicted.t_ns[row[0]], week),
-        "sv": _words(at[1], view.sv_names),
-        "state": _words(result.state[at], STATE_NAMES),
-        "decision": _words(predicted.decision[row], DECISIONS),
-        "receiver": _words(seen[at] + 1, RECEIVER_NAMES),
+        "sv": words(at[1], view.sv_names),
+        "state": words(result.state[at], STATE_NAMES),
+        "decision": words(predicted.decision[row], DECISIONS),
+        "receiver": words(seen[at] + 1, RECEIVER_NAMES),
         "el_deg": np.degrees(view.elevation[row]),
         "gain_dbi": view.gain[(*row, 0)],
         "sd_gain_db": view.gain[(*row, 1)],
@@ -166,10 +166,10 @@ def transition_table(transitions: Transitions, sv_names: Sequence[str], week: in
     return pd.DataFrame(
         {
             "time_s": ns_to_week_seconds(t.t_ns, week),
-            "sv": _words(t.sv, sv_names),
-            "from_state": _words(t.before, STATE_NAMES),
-            "to_state": _words(t.after, STATE_NAMES),
-            "reason": _words(t.reason, REASON_NAMES),
+            "sv": words(t.sv, sv_names),
+            "from_state": words(t.before, STATE_NAMES),
+            "to_state": words(t.after, STATE_NAMES),
+            "reason": words(t.reason, REASON_NAMES),
             "pseudorange_m": t.delay_m,
             "doppler_hz": t.doppler_hz,
             "sd_range_m": t.sigma_delay_m,
@@ -185,7 +185,7 @@ def transition_table(transitions: Transitions, sv_names: Sequence[str], week: in
 def search_times(sv_names: Sequence[str], predicted_s: Float64, totals: Totals) -> pd.DataFrame:
     """Return the seconds of each satellite."""
     codes = np.arange(len(sv_names))
-    return pd.DataFrame({"sv": _words(codes, sv_names), "predicted_s": predicted_s, **totals._asdict()})
+    return pd.DataFrame({"sv": words(codes, sv_names), "predicted_s": predicted_s, **totals._asdict()})
 
 
 def _predicted_s(t_ns: Int64, result: Supervision) -> Float64:
@@ -212,7 +212,7 @@ def _with_receiver(times: pd.DataFrame, compared: EventComparison) -> pd.DataFra
     names += sorted(set(own.sv) - set(names))
     joined = times.astype({"sv": "str"}).merge(receiver, on="sv", how="outer").set_index("sv").loc[names]
     joined = joined.reset_index()
-    joined["sv"] = _words(np.arange(len(names)), names)
+    joined["sv"] = words(np.arange(len(names)), names)
     whole = joined[list(counts)].fillna(0).astype("int64")
     return joined.assign(**{name: whole[name] for name in counts})
 
@@ -223,18 +223,14 @@ def _event_table(compared: EventComparison, log: ReceiverEvents, week: int) -> p
     return pd.DataFrame(
         {
             "time_s": ns_to_week_seconds(verdicts.t_ns, week),
-            "sv": _words(log.sv, log.sv_names),
-            "event": _words(log.event, EVENT_NAMES),
-            "supervisor": pd.Categorical(verdicts.supervisor, categories=_index(STATE_NAMES)),
-            "verdict": pd.Categorical(verdicts.verdict, categories=_index(VERDICT_NAMES)),
+            "sv": words(log.sv, log.sv_names),
+            "event": words(log.event, EVENT_NAMES),
+            "supervisor": pd.Categorical(
+                verdicts.supervisor, categories=pd.Index(list(STATE_NAMES), dtype="str")
+            ),
+            "verdict": pd.Categorical(
+                verdicts.verdict, categories=pd.Index(list(VERDICT_NAMES), dtype="str")
+            ),
             "lag_s": verdicts.lag_s,
         }
     )
-
-
-def _words(codes: npt.NDArray[Any], names: Sequence[str]) -> pd.Categorical:
-    return pd.Categorical.from_codes(codes, categories=_index(names))
-
-
-def _index(names: Sequence[str]) -> pd.Index:
-    return pd.Index(list(names), dtype="str")

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,16 +29,14 @@ from insgnss.receiver.tracking_state import (
     NONE,
     NOT_KNOWN,
     PRESENT,
-    REASON_NAMES,
     SPENT,
-    STATE_NAMES,
     Records,
     Rules,
     View,
     new_memory,
     new_spent,
 )
-from insgnss.tables import Float64, Int8, Int16, Int64
+from insgnss.tables import Bool, Float64, Int8, Int16, Int64
 
 _LONGEST_NS: Final = 2**60  # 36 years: what takes longer never ends
 
@@ -261,18 +258,6 @@ def _transitions(
     )
 
 
-def transition_words(
-    transitions: Transitions, sv_names: Sequence[str]
-) -> dict[str, npt.NDArray[np.generic] | list[str]]:
-    """Return the columns of the table of transitions, in words and with units, time in nanoseconds."""
-    columns: dict[str, npt.NDArray[np.generic] | list[str]] = dict(transitions._asdict())
-    columns["sv"] = [sv_names[i] for i in transitions.sv]
-    columns["before"] = [STATE_NAMES[i] for i in transitions.before]
-    columns["after"] = [STATE_NAMES[i] for i in transitions.after]
-    columns["reason"] = [REASON_NAMES[i] for i in transitions.reason]
-    return columns
-
-
 def _check(predicted: Predictions, satellites: int, last_ns: int | None) -> None:
     shape = (len(predicted.t_ns), satellites)
     for name, values in predicted._asdict().items():
@@ -314,7 +299,7 @@ def _checked_presence(present: npt.ArrayLike | None, shape: tuple[int, ...]) -> 
     return np.ascontiguousarray(given, np.int8)
 
 
-def _refuse(wrong: npt.NDArray[np.bool_], column: str, message: str, advice: str) -> None:
+def _refuse(wrong: Bool, column: str, message: str, advice: str) -> None:
     if np.any(wrong):
         epoch, satellite = np.argwhere(wrong)[0]
         place = f"epoch {epoch + 1}, satellite column {satellite + 1}"

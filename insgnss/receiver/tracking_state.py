@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.tables import Float64, Int8, Int64
+from insgnss.tables import Bool, Float64, Int8, Int64
 
 # Whether the receiver itself sees the signal where it was predicted
 NOT_KNOWN: Final = -1
@@ -95,7 +95,7 @@ class View(NamedTuple):
 
     decision: Int8  # UNDECIDED (no prediction), HIDDEN, VISIBLE, ... of ``insgnss.antenna.visibility``
     cn0_dbhz: Float64
-    within_aperture: npt.NDArray[np.bool_]
+    within_aperture: Bool
     search_ns: Int64  # of one look through the window
     present: Int8  # NOT_KNOWN, MISSING, PRESENT
 

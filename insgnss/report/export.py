@@ -16,7 +16,7 @@ from insgnss.report.nmea import as_nmea
 from insgnss.report.rtklib_pos import as_pos
 from insgnss.report.sbet import as_sbet, as_smrmsg
 from insgnss.report.utc_csv import as_csv
-from insgnss.results.saving import write_file
+from insgnss.results.saving import write_file, writing
 from insgnss.runs.result import Run
 
 # by the ending of the file, which --format may replace
@@ -52,10 +52,6 @@ def export_run(run: Run, path: str | Path, format: str | None = None) -> Path:
     if run.nav.empty:
         raise ResultError("the run has no navigation row to write", advice="replay the flight again")
     content = FORMATS[wanted](run)
-    try:
+    with writing("the file", path, "give another --output"):
         write_file(path, content, "export")
-    except OSError as error:
-        raise ResultError(
-            f"the file cannot be written: {error.strerror}", file=path, advice="give another --output"
-        ) from error
     return path

@@ -28,7 +28,7 @@ from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
 from insgnss.report.sentences import name_and_utc
 from insgnss.results.matplotlib_figure import new_figure
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 from insgnss.runs.result import Run
 
 if TYPE_CHECKING:
@@ -202,12 +202,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     # no date inside: the same figure is the same file
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix, {})
     try:
-        with _style(), saving(path.parent, (path.name,), "picture") as new:
+        with writing("the figure", path), _style(), saving(path.parent, (path.name,), "picture") as new:
             figure.savefig(new / path.name, dpi=300, metadata=metadata)
-    except OSError as error:
-        raise ResultError(
-            f"the figure cannot be written: {error.strerror}", file=path, advice="give another folder"
-        ) from error
     except ValueError as error:
         raise ConfigError(
             f"unsupported figure format '{path.suffix}': {error}", advice="write .pdf or .svg"

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from insgnss.errors import ResultError
 from insgnss.report.charts import Chart, as_json
-from insgnss.results.saving import write_file
+from insgnss.results.saving import write_file, writing
 
 
 @dataclass(frozen=True)
@@ -128,12 +127,8 @@ def write(path: str | Path, content: str) -> Path:
     ResultError : it cannot be written
     """
     path = Path(path)
-    try:
+    with writing("the file", path, "give another --output"):
         write_file(path, content.encode("utf-8", "backslashreplace"), "page")
-    except OSError as error:
-        raise ResultError(
-            f"the file cannot be written: {error.strerror}", file=path, advice="give another --output"
-        ) from error
     return path
 
 

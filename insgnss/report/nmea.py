@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from insgnss.report.solution import NavSolution, solution
 from insgnss.runs.result import Run
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 _KNOT_MPS: Final = 1852.0 / 3600.0
 _KMH_MPS: Final = 1.0 / 3.6
@@ -129,7 +129,7 @@ def _speed_course(s: NavSolution) -> tuple[Float64, list[str]]:
     return speed, _directions(np.degrees(np.arctan2(ve, vn)), known)
 
 
-def _directions(angle_deg: Float64, known: npt.NDArray[np.bool_]) -> list[str]:
+def _directions(angle_deg: Float64, known: Bool) -> list[str]:
     """Return directions from 000.00 to 359.99, empty where they are not known."""
     hundredths = np.rint(angle_deg * 100.0).astype(np.int64) % 36_000
     return [

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from insgnss.geodesy.directions import directions
 from insgnss.report.epochs import satellites_used
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.runs.result import Run
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _LATE_EPOCHS: Final = 2.5  # usual intervals since the latest epoch, after which a row is dead reckoning
 _HEADING_SIGMA_DEG: Final = 30.0  # a heading of a larger sigma is not reported: 104 is that of any direction
@@ -28,8 +29,8 @@ class NavSolution:
     utc: npt.NDArray[np.datetime64]
     satellites: Int64  # used in the latest epoch, 0 in dead reckoning
     hdop: Float64  # of these satellites, NaN where they leave it open
-    dead_reckoning: npt.NDArray[np.bool_]  # no satellite was used in the latest epoch, or that is long ago
-    heading_known: npt.NDArray[np.bool_]
+    dead_reckoning: Bool  # no satellite was used in the latest epoch, or that is long ago
+    heading_known: Bool
     differential: bool  # a base station corrected the ranges
 
     def columns(self, *names: str) -> list[list[float]]:
@@ -80,8 +81,7 @@ def _hdop(satellites: pd.DataFrame, epochs: Float64) -> Float64:
     each system; HDOP^2 = (N^-1)_nn + (N^-1)_ee
     """
     tracked = satellites[satellites["state"].isin(("tracked", "used_for_start"))]
-    az, el = (np.radians(tracked[name].to_numpy()) for name in ("az_deg", "el_deg"))
-    u = np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+    u = directions(tracked["az_deg"], tracked["el_deg"])
     epoch = np.searchsorted(epochs, tracked["time_s"].to_numpy() - 1e-6)
     letters, system = np.unique(tracked["sv"].astype("str").str[:1], return_inverse=True)
     N = np.zeros((len(epochs) + 1, 3, 3))

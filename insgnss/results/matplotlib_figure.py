@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
+
+from insgnss.results.saving import saving_file, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,6 +31,19 @@ def new_figure(width: float, height: float) -> Figure:
     figure = NewFigure(figsize=(width, height), layout="constrained")
     figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
     return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> Path:
+    """Write a picture in the form that the file's ending names; return its path.
+
+    Raises
+    ------
+    ResultError : the file cannot be written, or is somebody else's
+    """
+    path = Path(path)
+    with writing("the picture", path), saving_file(path, "picture") as new:
+        figure.savefig(new, dpi=120)
+    return path
 
 
 def _png(figure: Figure) -> bytes:

@@ -73,6 +73,20 @@ def overwriting(force: bool = True, inputs: Iterable[Path] = ()) -> Iterator[Non
 
 
 @contextmanager
+def writing(what: str, file: str | Path, advice: str = "give another folder") -> Iterator[None]:
+    """Say of an error of the system within the block what was written, where, and what to do.
+
+    Raises
+    ------
+    ResultError : in place of an ``OSError``
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(f"{what} cannot be written: {error.strerror}", file=file, advice=advice) from error
+
+
+@contextmanager
 def saving(folder: Path, names: Iterable[str], kind: str) -> Iterator[Path]:
     """Yield an empty folder; at the end its files take their places in ``folder`` (made if needed), all at once.
 

@@ -10,15 +10,23 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 from pandas.api.types import is_string_dtype
 
+from insgnss.results.saving import saving, writing
+
 TableFormat = Literal["parquet", "csv"]
 ColumnTypes = Mapping[str, str | list[str]]  # of each column its type, or the words that it is made of
 _WORDS: Final = "str"
 _PIECE_ROWS: Final = 1 << 17
+
+
+def words(codes: npt.NDArray[Any], names: Iterable[str]) -> pd.Categorical:
+    """Return a column of words by their numbers; -1 is an empty cell."""
+    return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))
 
 
 def pieces(table: pd.DataFrame) -> Iterator[pd.DataFrame]:
@@ -59,6 +67,20 @@ def write_table(
 def table_files(names: Iterable[str]) -> tuple[str, ...]:
     """Return the names of all files that tables may be in."""
     return tuple(f"{name}.{form}" for name in names for form in ("parquet", "csv"))
+
+
+def save_study(folder: str | Path, tables: Mapping[str, pd.DataFrame], form: TableFormat, kind: str) -> Path:
+    """Write the tables of a study into ``folder`` (made if needed), all at once or none; return the folder.
+
+    Raises
+    ------
+    ResultError : the folder cannot be written, or a file of somebody else has one of the names
+    """
+    folder = Path(folder)
+    with writing("the study", folder), saving(folder, table_files(tables), kind) as new:
+        for name, table in tables.items():
+            write_table(new, name, table, form, float_format="%.10g")
+    return folder
 
 
 def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:

@@ -10,7 +10,6 @@ import itertools
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pymap3d
 
 from insgnss.config.flight import Base
@@ -200,5 +199,5 @@ def _at_base(setup: FilterSetup, base: GnssTable, place_e: Float64, sat: Float64
     model = setup.config.measurements.ionosphere
     if model not in PREPARED_MODELS or navigation is None:
         return None
-    t_ns: npt.NDArray[np.int64] = base.t_ns[:1]
+    t_ns: Int64 = base.t_ns[:1]
     return ionosphere_rows(base, navigation, model, t_ns, place_e[None, :], sat)

@@ -22,8 +22,8 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight, FlightLogs
+from insgnss.results.table_files import words
 from insgnss.runs.further_antennas import Record, require_common_epochs
-from insgnss.runs.result_tables import words
 from insgnss.status import NAMES
 from insgnss.tables import Event
 

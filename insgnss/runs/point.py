@@ -19,7 +19,6 @@ from statistics import NormalDist
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.config.filter import FilterConfig
@@ -35,7 +34,7 @@ from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.datum import annotate_all
@@ -45,7 +44,7 @@ from insgnss.runs.point_tables import point_table, residual_table
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result_tables import event_table
 from insgnss.runs.setup import setup_filter
-from insgnss.tables import Float64, ImuTable
+from insgnss.tables import Bool, Float64, ImuTable
 from insgnss.version import __version__
 
 TABLES: Final = ("point", "residuals", "events", "errors")
@@ -78,21 +77,15 @@ class PointRun(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        try:
-            with saving(folder, FILES, "point solution") as new:
-                for name in TABLES:
-                    write_table(new, name, getattr(self, name), format)
-                text = json.dumps(self.settings, indent=1, default=str)
-                (new / _SETTINGS).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ResultError(
-                f"the solution cannot be written: {error.strerror}",
-                file=folder,
-                advice="give another --output folder",
-            ) from error
+        told = writing("the solution", folder, "give another --output folder")
+        with told, saving(folder, FILES, "point solution") as new:
+            for name in TABLES:
+                write_table(new, name, getattr(self, name), format)
+            text = json.dumps(self.settings, indent=1, default=str)
+            (new / _SETTINGS).write_text(text, encoding="utf-8")
         return folder
 
-    def trusted(self) -> npt.NDArray[np.bool_]:
+    def trusted(self) -> Bool:
         """Return which epochs have a position that passed all tests."""
         return np.asarray(self.point["verdict"].str.startswith(TRUSTED) & self.point["lat_deg"].notna())
 

@@ -8,12 +8,16 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from insgnss.geodesy.directions import angle_columns
+from insgnss.gnss.dilution import DOPS
 from insgnss.gnss.least_squares import CLOCKS
 from insgnss.gnss.observation_rows import ABSENT
 from insgnss.gnss.point import integrity
 from insgnss.gnss.point.rows import PointLog, PointRows
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.status import INCONSISTENT, NAMES
+from insgnss.results.table_files import words
+from insgnss.runs.result_tables import status_words
+from insgnss.status import INCONSISTENT
 from insgnss.tables import Float64, GnssTable
 
 VERDICTS: Final[dict[int, str]] = {
@@ -26,7 +30,6 @@ VERDICTS: Final[dict[int, str]] = {
 }
 KINDS: Final = ("pseudorange", "range_rate")
 _AXES: Final = ("n", "e", "d")
-_DOPS: Final = ("gdop", "pdop", "hdop", "vdop", "tdop")
 
 
 def point_table(
@@ -46,7 +49,7 @@ def point_table(
         columns[f"clock_{group}_m"] = out.clock_m[:, i]
         columns[f"sd_clock_{group}_m"] = np.sqrt(out.P[:, CLOCKS + i, CLOCKS + i])
     columns |= {"clock_drift_mps": out.drift_mps, "sd_clock_drift_mps": np.sqrt(out.P_v[:, 3, 3])}
-    columns |= {name: out.dop[:, i] for i, name in enumerate(_DOPS)}
+    columns |= {name: out.dop[:, i] for i, name in enumerate(DOPS)}
     columns |= {"hpl_m": out.level_m[:, 0], "vpl_m": out.level_m[:, 1]}
     for kind, prefix in enumerate(("", "velocity_")):
         columns |= {
@@ -68,22 +71,17 @@ def residual_table(out: PointLog, rows: PointRows, gnss: GnssTable, week: int) -
     present = out.status != ABSENT
     values = np.count_nonzero(present, axis=1)
     kind = np.broadcast_to(np.arange(len(KINDS), dtype=np.int8), present.shape)
-    codes = sorted(NAMES)
-    place = np.zeros(max(codes) + 1, np.int8)
-    place[codes] = np.arange(len(codes))
-    u_n = np.repeat(out.u_n, values, axis=0)
     return pd.DataFrame(
         {
             "time_s": np.repeat(ns_to_week_seconds(gnss.t_ns, week), values),
-            "sv": _words(np.repeat(gnss.sv, values), gnss.sv_names),
-            "signal": _words(np.repeat(gnss.signal, values), gnss.signal_names),
-            "kind": _words(kind[present], KINDS),
+            "sv": words(np.repeat(gnss.sv, values), gnss.sv_names),
+            "signal": words(np.repeat(gnss.signal, values), gnss.signal_names),
+            "kind": words(kind[present], KINDS),
             "residual": out.residual[present],
             "sd": out.sigma[present],
             "normalised": out.normalised[present],
-            "az_deg": np.degrees(np.arctan2(u_n[:, 1], u_n[:, 0])) % 360.0,
-            "el_deg": np.degrees(np.arcsin(np.clip(-u_n[:, 2], -1.0, 1.0))),
-            "status": _words(place[out.status[present]], tuple(NAMES[code] for code in codes)),
+            **angle_columns(np.repeat(out.u_n, values, axis=0)),
+            "status": status_words(out.status[present]),
         }
     )
 
@@ -122,7 +120,3 @@ def _covariances(P: Float64, sigma: str, product: str) -> dict[str, Float64]:
     for i, j in ((0, 1), (0, 2), (1, 2)):
         columns[product.format(_AXES[i] + _AXES[j])] = P[:, i, j]
     return columns
-
-
-def _words(codes: Any, names: tuple[str, ...]) -> pd.Categorical:
-    return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))

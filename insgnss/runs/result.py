@@ -36,7 +36,7 @@ import pandas as pd
 from pandas.api.types import is_float_dtype
 
 from insgnss.errors import ResultError
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import column_types, pieces, table_files, write_table
 from insgnss.runs.between_rows import InterpolationLimits, rows_at
@@ -130,21 +130,14 @@ class Run(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        try:
-            with saving(folder, FILES, "run") as new:
-                for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
-                    _save_table(new, name, table, format)
-                if format == "csv":
-                    types = {name: column_types(table) for name, table in self._tables() if table is not None}
-                    (new / COLUMN_TYPES).write_text(json.dumps(types, indent=1), encoding="utf-8")
-                settings = json.dumps(self.settings, indent=1, default=str)
-                (new / SETTINGS).write_text(settings, encoding="utf-8")
-        except OSError as error:
-            raise ResultError(
-                f"the run cannot be written: {error.strerror}",
-                file=folder,
-                advice="give another --output folder",
-            ) from error
+        with writing("the run", folder, "give another --output folder"), saving(folder, FILES, "run") as new:
+            for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
+                _save_table(new, name, table, format)
+            if format == "csv":
+                types = {name: column_types(table) for name, table in self._tables() if table is not None}
+                (new / COLUMN_TYPES).write_text(json.dumps(types, indent=1), encoding="utf-8")
+            settings = json.dumps(self.settings, indent=1, default=str)
+            (new / SETTINGS).write_text(settings, encoding="utf-8")
         return folder
 
     def _tables(self) -> Iterator[tuple[str, pd.DataFrame | None]]:

@@ -19,10 +19,12 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import LedgerPart
+from insgnss.geodesy.directions import angle_columns
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.results.table_files import words
 from insgnss.status import NAMES, USED
-from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int16, Int64
 
 KINDS = ("pseudorange", "range_rate", "carrier_difference")
 # words of a column, and the place among them of each number of a status
@@ -230,8 +232,8 @@ def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> 
     return {
         "time_s": _row_times(keys, week)[rows_of_table],
         "sv": keys.sv[rows_of_table],
-        **_angles(ledger["u_n"][rows_of_table], ""),
-        **_angles(ledger["u_b"][rows_of_table], "body_"),
+        **angle_columns(ledger["u_n"][rows_of_table]),
+        **angle_columns(ledger["u_b"][rows_of_table], "body_"),
         "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
         "cn0_dbhz": keys.cn0_dbhz[rows_of_table],
         "state": state,
@@ -240,19 +242,11 @@ def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> 
     }
 
 
-def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
-    """Return azimuth (first axis towards second) and elevation (against the third) of directions (n, 3)."""
-    return {
-        f"{prefix}az_deg": np.degrees(np.arctan2(u[:, 1], u[:, 0])) % 360.0,
-        f"{prefix}el_deg": np.degrees(np.arcsin(np.clip(-u[:, 2], -1.0, 1.0))),
-    }
-
-
 def _one_per_satellite(
     epoch: Int64,
-    sv: npt.NDArray[np.int16],
-    seen: npt.NDArray[np.bool_],
-    tracked: npt.NDArray[np.bool_],
+    sv: Int16,
+    seen: Bool,
+    tracked: Bool,
     n_sv: int,
 ) -> Int64:
     """Return one row of each satellite and epoch among ``seen``: a tracked one before the others, else the first."""
@@ -297,9 +291,10 @@ def _as_text(detail: str) -> str:
     return detail.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def words(codes: npt.NDArray[Any], names: tuple[str, ...]) -> pd.Categorical:
-    """Return a column of words by their numbers."""
-    return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))
+def status_words(codes: npt.NDArray[Any], names: Mapping[int, str] = NAMES) -> pd.Categorical:
+    """Return a column of the words that ``insgnss.status`` has for its codes."""
+    known = sorted(names)
+    return words(np.searchsorted(known, codes), [names[code] for code in known])
 
 
 def interpolated(t_ns: Int64, at_ns: Int64, values: Float64) -> Float64:

@@ -16,12 +16,12 @@ from insgnss.config.simulation import LoggedReference, RinexSky, SimulationConfi
 from insgnss.config.strict import load_toml
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.constants import NS_PER_S
-from insgnss.errors import ConfigError, ResultError
+from insgnss.errors import ConfigError
 from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.yuma import read_yuma
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.runs.first_run import compiled
 from insgnss.simulation.assembly import Inputs, assemble, missing_messages
@@ -74,17 +74,13 @@ class Simulation(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        try:
+        with writing("the logs", folder):
             copied = antenna_files(self.config, self.folder, folder)
             names = [path.name for path in (*self._paths(folder), *copied)]
             with saving(folder, names, "simulation") as new:
                 self._write(self._paths(new))
                 for path in copied:
                     shutil.copyfile(path, new / path.name)
-        except OSError as error:
-            raise ResultError(
-                f"the logs cannot be written: {error.strerror}", file=folder, advice="give another folder"
-            ) from error
         return [folder / name for name in names]
 
     def _paths(self, folder: Path) -> list[Path]:

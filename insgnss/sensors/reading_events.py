@@ -12,7 +12,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.sensors.readings import Readings
 from insgnss.sensors.sensor_measurement import SensorMeasurement
-from insgnss.tables import Event
+from insgnss.tables import Event, stretches_of
 
 _FROZEN_S: Final = 10.0  # shorter repeats occur, of a coarse sensor
 _FROZEN_READINGS: Final = 10
@@ -48,9 +48,8 @@ def _frozen(source: SensorMeasurement[Any], readings: Readings, entries: Sequenc
     # of several rows of a time the last one represents all
     last = {e.t_ns: e for e in entries if np.isfinite(e.innovation) and e.variance > 0.0}
     same = (readings.values[1:] == readings.values[:-1]).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
     events = []
-    for a, b in edges.reshape(-1, 2).tolist():
+    for a, b in stretches_of(same).tolist():
         t = readings.times_ns[a : b + 1]
         found = [last[t_ns] for t_ns in t.tolist() if t_ns in last]
         if t[-1] - t[0] < _FROZEN_S * NS_PER_S or len(found) < _FROZEN_READINGS:

@@ -17,10 +17,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.antenna.obstruction import directions
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import C_MPS, WGS84_GM_M3PS2
 from insgnss.errors import ConfigError
+from insgnss.geodesy.directions import directions
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.kernels.jit import kernel
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
@@ -20,7 +19,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef, radii
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.kernels.jit import kernel
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 from insgnss.units import deg_to_rad
 
 KNOT_S = 0.1  # a change of motion takes seconds: the splines follow it to 1e-9 of its size
@@ -212,7 +211,7 @@ class ManoeuvreSequence:
         return half_steps[::2], r_e, C_el
 
 
-def _put(outside: Float64, inside: Float64, during: npt.NDArray[np.bool_]) -> Float64:
+def _put(outside: Float64, inside: Float64, during: Bool) -> Float64:
     """Return a copy of ``outside`` with the values of ``inside`` where the mask holds."""
     values = outside.copy()
     values[during] = inside

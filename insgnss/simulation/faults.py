@@ -9,17 +9,16 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import wavelength_m
 from insgnss.simulation.observations import SYSTEM, Fault, SignalObservations
-from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, Int8
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Bool, Float64, Int8
 
 
 def _where(
     observations: SignalObservations, sv: Iterable[str], from_s: float, to_s: float, signal: str | None = None
-) -> npt.NDArray[np.bool_]:
+) -> Bool:
     """Return (m, n), true for these satellites within the window, on one signal or on all."""
     window = (observations.tag_s >= from_s) & (observations.tag_s < to_s)
     columns = np.isin(observations.sv_names, list(sv))

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.tables import ImuTable
+from insgnss.tables import Bool, ImuTable
 
 _MOST_OF_A_STEP: Final = 0.45  # the largest jitter: tags never change their order
 
@@ -22,7 +21,7 @@ class ImuRecord:
     lost_share: float = 0.0  # of the samples, on average
     lost_at_once: int = 1  # neighbouring samples that are lost together
 
-    def log(self, imu: ImuTable, rng: np.random.Generator) -> tuple[ImuTable, npt.NDArray[np.bool_]]:
+    def log(self, imu: ImuTable, rng: np.random.Generator) -> tuple[ImuTable, Bool]:
         """Return the samples that reach the file, with its tags, and which ones they are.
 
         The first and the last sample are always kept, so that the span of a log is that of its scenario.

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.directions import unit_vectors
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
@@ -28,7 +28,7 @@ from insgnss.simulation.signal_paths import antenna_motion as antenna_motion
 from insgnss.simulation.signal_paths import paths_to as paths_to
 from insgnss.simulation.signal_paths import signal_paths as signal_paths
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
-from insgnss.tables import EphemerisTable, Float64, GnssTable, Int8
+from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int8
 
 SYSTEM = "G"  # all simulated satellites are GPS's
 SIGNAL = "C1C"
@@ -103,7 +103,7 @@ class SignalObservations:
     pseudorange_m: Float64  # (m, n)
     range_rate_mps: Float64  # (m, n)
     cn0_dbhz: Float64  # (m, n)
-    tracked: npt.NDArray[np.bool_]  # (m, n)
+    tracked: Bool  # (m, n)
     carrier_cycles: Float64 | None = None  # (m, n)
     lli: Int8 | None = None  # (m, n) loss-of-lock indicator of the carrier
 
@@ -204,9 +204,7 @@ def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: Simulated
 
 def directions_e(paths: SignalPaths) -> Float64:
     """Return unit directions (m, n, 3) towards the satellites in ECEF axes."""
-    level = np.cos(paths.elevation)
-    east, up = level * np.sin(paths.azimuth), np.sin(paths.elevation)
-    u_n = np.stack([level * np.cos(paths.azimuth), east, -up], axis=-1)
+    u_n = unit_vectors(paths.azimuth, paths.elevation)
     return np.asarray(np.einsum("mij,mni->mnj", ned_axes(paths.geodetic), u_n))
 
 
@@ -304,7 +302,7 @@ def cardioid_gain_db(antenna_elevation: Float64) -> Float64:
     return np.asarray(20.0 * np.log10(field))
 
 
-def _above_masks(paths: SignalPaths, receiver: SimulatedReceiver) -> npt.NDArray[np.bool_]:
+def _above_masks(paths: SignalPaths, receiver: SimulatedReceiver) -> Bool:
     above = paths.elevation >= np.deg2rad(receiver.horizon_mask_deg)
     if receiver.antenna_mask_deg is not None:
         above &= paths.antenna_elevation >= np.deg2rad(receiver.antenna_mask_deg)

@@ -15,6 +15,7 @@ from insgnss.antenna.obstruction import Obstruction, is_inside, read_obstruction
 from insgnss.antenna.pattern_file import read_pattern
 from insgnss.config.flight import MountedAntenna
 from insgnss.config.library import antenna_file
+from insgnss.geodesy.directions import angles_of
 from insgnss.tables import Float64
 
 HIDDEN_DBIC = -60.0  # behind the airframe: below any receiver's threshold
@@ -42,10 +43,8 @@ class ReceivingAntenna:
 
     def gain_dbic(self, u_b: Float64) -> Float64:
         """Return the gain towards unit directions (k, 3), body axes."""
-        x, y, z = (u_b @ self.C_ba).T  # C_ab u_b
-        azimuth = np.degrees(np.arctan2(y, x)) % 360.0
-        elevation = np.degrees(np.arctan2(-z, np.hypot(x, y)))
-        gain = np.asarray(self.gain(np.column_stack([elevation, azimuth])))
+        azimuth, elevation = np.degrees(angles_of(u_b @ self.C_ba))  # C_ab u_b
+        gain = np.asarray(self.gain(np.column_stack([elevation, azimuth % 360.0])))
         for shape in () if self.obstruction is None else self.obstruction.shapes():
             gain = np.where(is_inside(shape, u_b), HIDDEN_DBIC, gain)
         return gain

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
+from insgnss.geodesy.directions import angles_of
 from insgnss.simulation.constellation import ConstellationStates, satellite_states
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
@@ -100,5 +101,4 @@ def _turned(vector: Float64, tau: Float64) -> Float64:
 def _sky(r_e: Float64, towards: Float64) -> tuple[Float64, Float64, Float64]:
     """Return geodetic place (m, 3), azimuth and elevation (m, n) of unit vectors (m, n, 3) [rad, m]."""
     place = geodetic(r_e)
-    north, east, down = np.moveaxis(np.einsum("mij,mnj->mni", ned_axes(place), towards), -1, 0)
-    return place, np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
+    return place, *angles_of(np.einsum("mij,mnj->mni", ned_axes(place), towards))

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
@@ -241,7 +240,7 @@ def _block(
     sampling: Sampling,
     first: int,
     last: int,
-    chips: npt.NDArray[np.int8],
+    chips: Int8,
     rng: np.random.Generator | None,
 ) -> SignalSamples:
     """Return the samples of the milliseconds ``first`` to ``last``."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.simulation.observations import MOST_AMBIGUITY_CYCLES, SignalObservations
-from insgnss.tables import LLI_SLIP, Float64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import LLI_SLIP, Bool, Float64
 
 
 @dataclass(frozen=True)

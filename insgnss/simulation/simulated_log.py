@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.simulated_sensors import SensorFault, SimulatedSensor
@@ -23,7 +22,7 @@ from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock
 from insgnss.simulation.sensors import draw_sensor, faults_of
 from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.simulation.vibration import VibrationSpectrum, vibration
-from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
+from insgnss.tables import Bool, Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class TrueStates:
     gyro_bias: Float64  # (n, 3) [rad/s]
     accel_bias: Float64  # (n, 3) [m/s^2]
 
-    def take(self, rows: slice | npt.NDArray[np.bool_]) -> TrueStates:
+    def take(self, rows: slice | Bool) -> TrueStates:
         """Return the given rows."""
         return TrueStates(
             *(getattr(self, name)[rows] for name in ("t_ns", "r_e", "v_e", "C_eb", "gyro_bias", "accel_bias"))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.constants import GPS_OMEGA_RADPS, NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.directions import directions
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.simulation.constellation import mean_motion, satellite_states
@@ -92,10 +93,8 @@ def constellation_over(
 
 def _directions(tracks: tuple[SkyTrack, ...], moment: int) -> Float64:
     """Return unit vectors (n, 3) towards the tracks' start (0) or end (1), north-east-down."""
-    azimuth = np.deg2rad([track.azimuth_deg[moment] for track in tracks])
-    elevation = np.deg2rad([track.elevation_deg[moment] for track in tracks])
-    level = np.cos(elevation)
-    return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)])
+    angles = [(track.azimuth_deg[moment], track.elevation_deg[moment]) for track in tracks]
+    return directions(*np.transpose(angles))
 
 
 def _orbit_through(r_e: Float64, towards: Float64, rising: bool) -> tuple[Float64, Float64]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insgnss.constants import C_MPS, WGS84_A_M
+from insgnss.geodesy.directions import unit_vectors
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.simulation.constellation import ConstellationStates
@@ -53,9 +54,7 @@ class SkyLaw:
 
     def directions(self, t_s: Float64) -> Float64:
         """Return unit lines of sight from the place (m, n, 3), north-east-down."""
-        azimuth, elevation = np.moveaxis(self.angles(t_s), -1, 0)
-        level = np.cos(elevation)
-        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
+        return unit_vectors(*np.moveaxis(self.angles(t_s), -1, 0))
 
     def states(self, t_s: Float64) -> ConstellationStates:
         """Return positions and velocities, ECEF, at times (m, n); the clocks are perfect.

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from insgnss.errors import ResultError
-from insgnss.results.saving import saving
+from insgnss.results.saving import saving, writing
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -35,17 +34,13 @@ def write_study(
         installed
     """
     path = Path(folder)
-    try:
-        names = [*(f"{name}.csv" for name in tables), *(f"{name}.json" for name in settings)]
-        with saving(path, [*names, *(f"{name}.png" for name in pictures)], "study") as new:
-            for name, table in tables.items():
-                table.to_csv(new / f"{name}.csv", index=False, float_format="%.10g")
-            for name, text in settings.items():
-                (new / f"{name}.json").write_text(text, encoding="utf-8")
-            for name, draw in pictures.items() if draws else ():
-                draw().savefig(new / f"{name}.png", dpi=120)
-    except OSError as error:
-        raise ResultError(
-            f"the study cannot be written: {error.strerror}", file=path, advice="give another folder"
-        ) from error
+    names = [*(f"{name}.csv" for name in tables), *(f"{name}.json" for name in settings)]
+    names += [f"{name}.png" for name in pictures]
+    with writing("the study", path), saving(path, names, "study") as new:
+        for name, table in tables.items():
+            table.to_csv(new / f"{name}.csv", index=False, float_format="%.10g")
+        for name, text in settings.items():
+            (new / f"{name}.json").write_text(text, encoding="utf-8")
+        for name, draw in pictures.items() if draws else ():
+            draw().savefig(new / f"{name}.png", dpi=120)
     return path

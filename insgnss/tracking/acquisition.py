@@ -22,10 +22,9 @@ import numpy.typing as npt
 from scipy import fft, special
 
 from insgnss.errors import ConfigError, InputError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64, Int64
 from insgnss.tracking.admissible import require_not_negative, require_positive
 from insgnss.tracking.codes import RangingCode
-from insgnss.tracking.correlators import Complex
 from insgnss.tracking.signal import SignalSamples
 
 SingleComplex = npt.NDArray[np.complex64]
@@ -255,7 +254,7 @@ def _refined(
 
 def _sum_begins(
     middle_s: Float64, code: RangingCode, bit_delay_chips: float, delay_chips: float, periods: int
-) -> npt.NDArray[np.int64]:
+) -> Int64:
     """Return the numbers of the code periods at which coherent sums begin: those of data bits where these are known."""
     if math.isnan(bit_delay_chips):
         return np.arange(0, len(middle_s), periods)

@@ -6,8 +6,7 @@ import math
 from typing import Final, NamedTuple
 
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int8, Int64
-from insgnss.tracking.correlators import Complex
+from insgnss.tables import Complex, Float64, Int8, Int64
 from insgnss.tracking.discriminator_outputs import delay_output, frequency_output, phase_output
 
 # State of a channel: predicted carrier phase and its derivatives in the middle of the next integration (aiding not in

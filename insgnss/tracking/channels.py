@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Complex, Float64, Int8, Int64
 from insgnss.tracking.admissible import CN0_SPAN_DBHZ, require_known, require_positive, seeded, signal_ratio
 from insgnss.tracking.channel_kernel import (
     DELAY_ERROR,
@@ -33,7 +33,7 @@ from insgnss.tracking.channel_kernel import (
     run_channels,
 )
 from insgnss.tracking.codes import RangingCode
-from insgnss.tracking.correlators import Complex, Correlators
+from insgnss.tracking.correlators import Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS
 from insgnss.tracking.frequency_discriminators import FrequencyDiscriminator
@@ -165,9 +165,7 @@ def scene(
     return ChannelSignals(phase, (phase - phase[0]) * chips_per_radian, cn0, signs)
 
 
-def data_signs(
-    count: int, channels: int, step_s: float, sign_s: float, rng: np.random.Generator
-) -> npt.NDArray[np.int8]:
+def data_signs(count: int, channels: int, step_s: float, sign_s: float, rng: np.random.Generator) -> Int8:
     """Return random signs of the data, (count, channels), which change between integrations only.
 
     Raises
@@ -261,7 +259,7 @@ class ChannelSimulation:
         return ChannelHistory(self.design.step_s, *errors, prompt)
 
     def _run_group(
-        self, channels: npt.NDArray[np.int64], aid: Aid, seed: int, out: Float64, progress: Progress | None
+        self, channels: Int64, aid: Aid, seed: int, out: Float64, progress: Progress | None
     ) -> None:
         """Run some of the channels, block by block, each with its own noise."""
         n, gains = len(out), self.design.gains()
@@ -282,7 +280,7 @@ class ChannelSimulation:
             if progress is not None:
                 progress((last - first) * len(channels))
 
-    def _first_state(self, channels: npt.NDArray[np.int64], aid: Aid) -> Float64:
+    def _first_state(self, channels: Int64, aid: Aid) -> Float64:
         """Return the state that has the wanted errors in the middle of the first integration."""
         m, T = self.scene.shape[1], self.design.step_s
         phase, delay = self.scene.phase_rad[:2], self.scene.delay_chips[:2]

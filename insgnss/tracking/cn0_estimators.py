@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_positive
-from insgnss.tracking.correlators import Complex
 
 SYMBOL_BLOCK: Final = 20  # integrations of 1 ms in a bit of GPS
 

@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_within
 from insgnss.tracking.codes import triangle
 
-Complex = npt.NDArray[np.complex128]
 Correlation = Callable[[npt.ArrayLike], Float64]
 EARLY, PROMPT, LATE = 0, 1, 2
 # beyond it the outer replicas have left the peak when the prompt one is on it

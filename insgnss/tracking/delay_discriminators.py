@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_within
-from insgnss.tracking.correlators import EARLY, LATE, PROMPT, Complex, Correlators
+from insgnss.tracking.correlators import EARLY, LATE, PROMPT, Correlators
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, outputs
 
 _STEP_CHIPS: Final = 1e-4  # correlation functions are straight on both sides of +-D/2

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64
-from insgnss.tracking.correlators import Complex
+from insgnss.tables import Complex, Float64
 
 DELAY_KINDS: Final = ("product", "sign", "tanh", "power", "dot")
 PHASE_KINDS: Final = ("q", "iq", "sign", "atan", "atan2")

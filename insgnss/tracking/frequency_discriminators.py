@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_positive
-from insgnss.tracking.correlators import Complex, frequency_loss
+from insgnss.tracking.correlators import frequency_loss
 from insgnss.tracking.discriminator_outputs import FREQUENCY_KINDS, outputs
 from insgnss.tracking.discriminators import phase_harmonics, wrapped_mean, wrapped_square
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.loop_filters import (
     LoopFilter,
     digital_filter,
@@ -86,7 +86,7 @@ class FrequencyLoop:
         """Return the true one-sided noise bandwidth, from observed to replica's frequency [Hz]."""
         return self.chain.noise_bandwidth_hz()
 
-    def response(self, frequency_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+    def response(self, frequency_hz: npt.ArrayLike) -> Complex:
         """Return H(f) from the observed frequency to the predicted one."""
         return self.chain.response(frequency_hz)
 

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Complex, Float64
 from insgnss.tracking.admissible import require_within
-from insgnss.tracking.correlators import Complex
 
 SLIP_SHARE: Final = 0.75  # of the aperture: halfway between the unstable point and the next stable one
 
@@ -70,7 +69,7 @@ def expected_frequency_lock(frequency_radps: npt.ArrayLike, a: float, integratio
     return np.asarray(np.cos(2.0 * w * integration_s) * (kept / (kept + 2.0)) ** 2)
 
 
-def locked(indicator: Float64, enter: float, leave: float, patience: int = 1) -> npt.NDArray[np.bool_]:
+def locked(indicator: Float64, enter: float, leave: float, patience: int = 1) -> Bool:
     """Return whether a channel counts as locked at each value of an indicator, (n,): with hysteresis and patience.
 
     Parameters

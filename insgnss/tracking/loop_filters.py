@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy import linalg, optimize
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_not_negative, require_positive
 
 ORDERS: Final = (1, 2, 3)
@@ -99,7 +99,7 @@ class LoopFilter:
         """
         return float(self.prediction_covariance(1.0)[0, 0]) / (2.0 * self.step_s)
 
-    def response(self, frequency_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+    def response(self, frequency_hz: npt.ArrayLike) -> Complex:
         """Return H(f) from the observed phase to the predicted one.
 
         Equation: H = h^T (z I - A)^-1 b, z = exp(j 2 pi f T)

@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_within
-from insgnss.tracking.correlators import Complex
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS, outputs
 from insgnss.tracking.discriminators import phase_harmonics, wrapped_mean, wrapped_square
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from insgnss.errors import ConfigError
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int8, Int64
+from insgnss.tables import Complex, Float64, Int8, Int64
 from insgnss.tracking.channel_kernel import (
     ACCELERATION,
     DELAY,
@@ -34,7 +34,6 @@ from insgnss.tracking.channel_kernel import (
 )
 from insgnss.tracking.channels import ChannelDesign
 from insgnss.tracking.codes import RangingCode
-from insgnss.tracking.correlators import Complex
 from insgnss.tracking.sample_kernels import Steps, correlate_samples
 from insgnss.tracking.signal import Sampling
 

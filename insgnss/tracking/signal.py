@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Complex, Float64, Int8
 from insgnss.tracking.admissible import linear_cn0_hz, require_positive
 from insgnss.tracking.codes import RangingCode
-from insgnss.tracking.correlators import Complex, replica_offsets
+from insgnss.tracking.correlators import replica_offsets
 from insgnss.tracking.sample_kernels import Steps, add_signal, correlate_samples
 
 # The image at twice the carrier, folded to f, leaves 1 / (pi f T) of the amplitude in an integration at most: 1 %
@@ -122,7 +121,7 @@ class ReceivedSignal:
     code: RangingCode
     cn0_dbhz: float
     state: CarrierAndCode = CarrierAndCode()
-    signs: npt.NDArray[np.int8] = field(default_factory=lambda: _ALWAYS_PLUS)  # of the data, per code period
+    signs: Int8 = field(default_factory=lambda: _ALWAYS_PLUS)  # of the data, per code period
 
 
 @dataclass(frozen=True)

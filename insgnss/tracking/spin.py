@@ -16,7 +16,7 @@ from scipy import optimize
 
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_not_negative, require_positive, require_within
 from insgnss.tracking.aiding_source import AidingSource
 from insgnss.tracking.loop_filters import LoopFilter
@@ -79,9 +79,7 @@ class Spin:
         return 2.0 * self.amplitude_rad * abs(math.sin(0.5 * angle_error_rad))
 
 
-def continuous_error_response(
-    gains: npt.ArrayLike, frequency_hz: npt.ArrayLike
-) -> npt.NDArray[np.complex128]:
+def continuous_error_response(gains: npt.ArrayLike, frequency_hz: npt.ArrayLike) -> Complex:
     """Return 1 - H(j 2 pi f) of a continuous loop with the gains K1, K2, K3.
 
     Equation: s^n / (s^n + K1 s^(n-1) + ... + Kn)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64, Int8
 from insgnss.tracking.admissible import require_not_negative, seeded, signal_ratio
 from insgnss.tracking.aided_loop import perfect_aid
 from insgnss.tracking.channels import (
@@ -24,7 +23,7 @@ from insgnss.tracking.channels import (
 )
 from insgnss.tracking.cn0_estimators import SYMBOL_BLOCK, moment_cn0_dbhz, narrow_wide_cn0_dbhz
 from insgnss.tracking.codes import RangingCode
-from insgnss.tracking.correlators import Complex, Correlators
+from insgnss.tracking.correlators import Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminators import equivalent_variance
 from insgnss.tracking.frequency_loop import FrequencyLoop
@@ -117,9 +116,7 @@ def simulation_of(
     return ChannelSimulation(design, scene(phase, design.cn0_dbhz, design.chips_per_radian, sign), aid)
 
 
-def _signs(
-    design: ChannelDesign, code: RangingCode, count: int, channels: int, seed: int
-) -> npt.NDArray[np.int8] | None:
+def _signs(design: ChannelDesign, code: RangingCode, count: int, channels: int, seed: int) -> Int8 | None:
     if PhaseDiscriminator(design.phase_kind).aperture_rad > math.pi:
         return None
     return data_signs(count, channels, design.step_s, code.sign_s, seeded(seed, _SIGN_KEY))

@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from insgnss.antenna.visibility import VISIBLE
 from insgnss.constants import NS_PER_S
-from insgnss.receiver.supervisor import Predictions, Supervision, transition_words
+from insgnss.receiver.supervisor import Predictions, Supervision
+from insgnss.receiver.tracking_state import REASON_NAMES, STATE_NAMES
 
 STEP_S = 0.1
 T0_NS = 1_300_000_000 * NS_PER_S
@@ -45,6 +46,9 @@ def spans(*parts: tuple[float, float]) -> npt.NDArray[np.float64]:
 
 def story(result: Supervision, satellite: int = 0) -> list[tuple[float, str, str]]:
     """Return time [s], new state and reason of each transition of a satellite."""
-    words = transition_words(result.transitions, [str(i) for i in range(result.state.shape[1])])
-    rows = zip(words["t_ns"], words["sv"], words["after"], words["reason"], strict=True)
-    return [(round((int(t) - T0_NS) / NS_PER_S, 3), a, r) for t, s, a, r in rows if s == str(satellite)]
+    rows = zip(*result.transitions[:5], strict=True)
+    return [
+        (round((int(t) - T0_NS) / NS_PER_S, 3), STATE_NAMES[after], REASON_NAMES[reason])
+        for t, sv, _, after, reason in rows
+        if sv == satellite
+    ]

@@ -11,8 +11,6 @@ from insgnss.config.search import Detection, Grid, Search, UnsupervisedReceiver
 from insgnss.constants import C_MPS
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import (
-    accumulation_table,
-    mean_grid_loss_db,
     search_time_s,
     search_window,
     signal_scale,
@@ -28,17 +26,6 @@ def test_example_of_the_paper_takes_three_seconds_and_a_sixth() -> None:
     # 1000 delays, 100 correlators, 20 dBHz: printed 3.16 s
     assert float(search_time_s(1000, 0.316, 100)) == pytest.approx(3.16, abs=1e-12)
     assert unsupervised_sweep_s(SETTINGS, NEED) == pytest.approx(3.16, abs=0.005)
-
-
-def test_table_for_reports_holds_the_printed_times_and_ours() -> None:
-    table = accumulation_table()
-    assert table.albersheim_s == pytest.approx(table.printed_s, rel=2e-3)
-    assert table.exact_s == pytest.approx([9.91e-3, 31.3e-3, 99.1e-3, 313e-3], rel=2e-3)
-    assert np.all(table.coherent_s < table.exact_s)
-    # data bits cost nothing while one look is enough (35 dBHz), and more the weaker the signal
-    assert table.data_bits_s[0] == table.exact_s[0]
-    assert np.all(np.diff(table.data_bits_s / table.exact_s) > 0.0)
-    assert table.example_search_s[-1] == pytest.approx(3.16, abs=0.005)
 
 
 def test_a_cell_begun_is_a_pass_begun() -> None:
@@ -100,12 +87,3 @@ def test_unsupervised_receiver_that_does_not_know_its_doppler_pays_for_each_bin(
     settings = Search(unsupervised=UnsupervisedReceiver(doppler_half_width_hz=50.0))
     bins = math.ceil(100.0 / (2.0 / 3.0 / 0.3163))
     assert unsupervised_sweep_s(settings, NEED) == pytest.approx(bins * 3.163, rel=1e-3)
-
-
-def test_mean_loss_over_a_cell_leaves_room_in_the_papers_losses() -> None:
-    # both means by hand: 1 - s/2 + s^2/12 of the triangle (s = 0.5 chip); sinc^2 by its series to fourth order
-    x = math.pi / 3.0
-    mean_sinc2 = 1.0 - x**2 / 9.0 + 2.0 * x**4 / 225.0
-    by_hand_db = -10.0 * math.log10((1.0 - 0.25 + 0.25 / 12.0) * mean_sinc2)
-    assert mean_grid_loss_db(Grid()) == pytest.approx(by_hand_db, abs=0.005)
-    assert mean_grid_loss_db(Grid()) < 2.5

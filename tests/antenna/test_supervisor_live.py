@@ -13,8 +13,8 @@ from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, InputError, TimeError
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import signal_scale
-from insgnss.receiver.supervisor import Predictions, Supervisor, rules_of, supervise, transition_words
-from insgnss.receiver.tracking_state import REASON_NAMES, STATE_NAMES
+from insgnss.receiver.supervisor import Predictions, Supervisor, rules_of, supervise
+from insgnss.receiver.tracking_state import STATE_NAMES
 from tests.antenna.gain_history import predictions
 from tests.antenna.test_supervisor import random_scene
 
@@ -59,14 +59,6 @@ def test_each_satellite_has_the_scale_of_its_signal() -> None:
     result = supervise(predictions(d_range_m2=np.full((3, 2), 100.0)), scale=scale)
     # 30 m is inside half a chip of 293 m and outside of half a chip of 29.3 m
     assert [STATE_NAMES[i] for i in result.state[0]] == ["control_detection", "search"]
-
-
-def test_words_of_the_transitions_are_columns_of_a_table() -> None:
-    result = supervise(predictions(n=10))
-    words = transition_words(result.transitions, ["G07"])
-    assert set(words["sv"]) == {"G07"} and words["before"][0] == "absent"
-    assert set(words["after"]) <= set(STATE_NAMES) and set(words["reason"]) <= set(REASON_NAMES)
-    assert {len(column) for column in words.values()} == {3}
 
 
 def test_no_satellites_and_no_epochs_are_no_fault() -> None:

@@ -9,9 +9,10 @@ import numpy.typing as npt
 import pymap3d
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.directions import angles_of
 from insgnss.gnss.ionosphere import klobuchar_delay
-from insgnss.gnss.least_squares import RANGE, RANGE_RATE, Bool, FitRows, free_clocks, workspace
-from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
+from insgnss.gnss.least_squares import RANGE, RANGE_RATE, FitRows, free_clocks, workspace
+from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import glonass_channels, range_rates, satellite_states
 from insgnss.gnss.point.integrity import (
@@ -25,9 +26,9 @@ from insgnss.gnss.point.integrity import (
     redundancy_room,
 )
 from insgnss.gnss.signals import ionosphere_factor
-from insgnss.gnss.troposphere import tropospheric_delay
 from insgnss.runs.point import chi_square_limits
-from insgnss.tables import EphemerisTable, Float64, GnssTable, NavigationData
+from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, NavigationData
+from tests.gnss.troposphere import tropospheric_delay
 
 RANGE_SIGMA_M = 2.0  # at the zenith
 RATE_SIGMA_MPS = 0.1
@@ -162,7 +163,7 @@ class _Epoch:
         u, visible = np.zeros(3), np.zeros(len(self.index), np.bool_)
         for k in range(len(self.index)):
             line_of_sight_range(self.sat, k, r_e, u)
-            az, el = azimuth_elevation(u, self.C_en)
+            az, el = (float(angle) for angle in angles_of(self.C_en.T @ u))
             visible[k] = el > mask
             self.sigma[k] = RANGE_SIGMA_M / np.sin(max(el, 0.1))
             delay = tropospheric_delay(lat, h, el)

@@ -7,7 +7,8 @@ import pymap3d
 import pytest
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
-from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
+from insgnss.geodesy.directions import angles_of
+from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
 from tests.jacobian import Float64, finite_difference_jacobian
 
 Long = np.longdouble
@@ -129,7 +130,7 @@ def test_azimuth_and_elevation_equal_pymap3d(rng: np.random.Generator) -> None:
         u = rng.normal(size=3)
         u /= np.linalg.norm(u)
         C_ne = np.array([pymap3d.ecef2nedv(*axis, np.degrees(lat), np.degrees(lon)) for axis in np.eye(3)]).T
-        azimuth, elevation = azimuth_elevation(u, np.ascontiguousarray(C_ne.T))
+        azimuth, elevation = angles_of(C_ne @ u)
         r_e = np.array(pymap3d.geodetic2ecef(np.degrees(lat), np.degrees(lon), 0.0))
         az, el, _ = pymap3d.ecef2aer(*(r_e + 2e7 * u), np.degrees(lat), np.degrees(lon), 0.0)
         assert np.degrees(azimuth) % 360.0 == pytest.approx(az, abs=1e-9)

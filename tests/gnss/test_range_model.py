@@ -27,10 +27,11 @@ from insgnss.gnss.range_model import (
     place_air,
     slant_delay,
 )
-from insgnss.gnss.troposphere import STANDARD_WEATHER, mapping_factors, weather_at_sea_level
+from insgnss.gnss.troposphere import STANDARD_WEATHER, weather_at_sea_level
 from insgnss.simulation.sky import KLOBUCHAR, nominal_constellation
 from insgnss.tables import Float64, GnssTable
 from tests.gnss.broadcast_sample import observations
+from tests.gnss.troposphere import mapping_factors
 
 WEEK_S = 4 * 86_400 + 46_800.0
 NOON_NS = int((2268 * 604_800 + WEEK_S) * 1e9)

@@ -16,7 +16,6 @@ from insgnss.gnss.signals import (
     UNSUPPORTED,
     Signal,
     carrier_hz,
-    default_rank,
     inter_signal_index,
     ionosphere_factor,
     reason_unsupported,
@@ -75,7 +74,6 @@ def test_every_signal_answers_everything(signal: Signal) -> None:
         assert carrier_hz(signal.system, code, CHANNEL) == carrier
         assert wavelength_m(signal.system, code, CHANNEL) == C_MPS / carrier
         assert ionosphere_factor(signal.system, code, CHANNEL) == pytest.approx((L1_HZ / carrier) ** 2)
-        assert (default_rank(signal.system, code) >= 0) == signal.default_used
 
 
 @pytest.mark.parametrize(
@@ -135,16 +133,6 @@ def test_every_inter_signal_correction_belongs_to_a_signal_without_it() -> None:
         assert inter_signal_index("G", code) == inter_signal_index("J", code) == place
     assert {inter_signal_index("G", code) for code in ("C1W", "C2W", "C1P", "C2P")} == {-1}
     assert inter_signal_index("E", "C1C") == inter_signal_index("R", "C1C") == -1
-
-
-def test_default_signals_are_one_band_per_satellite_in_a_fixed_order() -> None:
-    assert [default_rank("E", code) for code in ("C1C", "C1X", "C1B")] == sorted(
-        default_rank("E", code) for code in ("C1C", "C1X", "C1B")
-    )
-    assert 0 <= default_rank("C", "C2I") < default_rank("C", "C1P")
-    assert default_rank("G", "C1C") >= 0 and default_rank("J", "C1C") >= 0
-    assert default_rank("R", "C1C") >= 0 and default_rank("I", "C5A") >= 0
-    assert default_rank("G", "C5Q") == default_rank("G", "C1W") == -1
 
 
 def _ionosphere_free(system: str, first: str, second: str, fnav: bool = False) -> tuple[float, float]:

@@ -12,12 +12,11 @@ from insgnss.errors import ConfigError
 from insgnss.gnss.troposphere import (
     STANDARD_WEATHER,
     mapping_coefficients,
-    mapping_factors,
     standard_atmosphere,
-    tropospheric_delay,
     weather_at_sea_level,
     zenith_delays,
 )
+from tests.gnss.troposphere import mapping_factors, tropospheric_delay
 
 # Niell's season has its zero crossing a quarter of a year after day 28
 NO_SEASON_US = int((1_672_531_200 + (28 - 1 + 365.25 / 4) * 86_400) * 1e6)

@@ -115,11 +115,8 @@ def broadcast_states() -> list[np.ndarray]:
 CASES = [
     KernelCase(f"{_SIGHT}:line_of_sight_range", (_SAT, 1, _R_E, np.zeros(3))),
     KernelCase(f"{_SIGHT}:line_of_sight", (_SAT, 0, _R_E, _V_E, np.zeros(3), np.zeros(3))),
-    KernelCase(f"{_SIGHT}:azimuth_elevation", (_U, _C_EN)),
     KernelCase("insgnss.gnss.ionosphere:ionosphere_above", (350_000.0,)),
     KernelCase("insgnss.gnss.ionosphere:klobuchar_delay", (_KLOBUCHAR, 1.0, 0.5, 2.0, 0.6, 2e5)),
-    KernelCase("insgnss.gnss.troposphere:mapping_factors", (1.0, 300.0, 0.6)),
-    KernelCase("insgnss.gnss.troposphere:tropospheric_delay", (1.0, 300.0, 0.6)),
     KernelCase(
         "insgnss.gnss.range_model:path_delay", (_KLOBUCHAR, (1.0, 0.5, 300.0), 2.0, 0.6, 2e5, 1.6, 1.0)
     ),

@@ -10,10 +10,10 @@ import pytest
 import insgnss
 from insgnss.log.flight import Flight
 from insgnss.runs.result import Run
-from insgnss.studies.outage.replays import flight_without
 from insgnss.studies.outage.windows import OutageWindow, Removal
 from tests.attitude.several_flights import SLALOM, events, normalised, scenario_text, write_flight
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
+from tests.studies.flight_without import flight_without
 
 RUNS = 10
 LOOKS = (0, 4, 12, 24)  # epochs: the start with every heading open, some after it, and one near the end

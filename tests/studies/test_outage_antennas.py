@@ -12,10 +12,11 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
 from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.replay import replay
-from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
+from insgnss.studies.outage.replays import OutageLog, branch, undisturbed
 from insgnss.studies.outage.study import OutageStudy, outage_study
 from insgnss.studies.outage.windows import OutageWindow, Removal
 from tests.attitude.several_flights import AT_REST, SLALOM, scenario_text, write_flight
+from tests.studies.flight_without import flight_without
 
 START_S = 150_000.0
 WINDOW = OutageWindow(START_S + 25.0, START_S + 40.0)

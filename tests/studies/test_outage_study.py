@@ -19,7 +19,7 @@ from insgnss.runs.replay import replay
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import SWITCHED_OFF, USED
 from insgnss.studies.outage.drift import back_after, percentile_table
-from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
+from insgnss.studies.outage.replays import OutageLog, branch, undisturbed
 from insgnss.studies.outage.study import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage.windows import (
     OutageWindow,
@@ -31,6 +31,7 @@ from insgnss.studies.outage.windows import (
     window_ns,
 )
 from tests.runs.scenes import START_S, FlightInMemory, flight, turns
+from tests.studies.flight_without import flight_without
 
 DURATION_S = 300.0
 WINDOW = OutageWindow(START_S + 150.0, START_S + 170.0)

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.attitude.cycle_search import CycleFix, DifferenceRows, find_cycles
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
@@ -52,9 +51,8 @@ from insgnss.status import (
     NO_DIFFERENCE,
     USED,
 )
-from insgnss.tables import Event, Float64, Int64
+from insgnss.tables import Bool, Event, Float64, Int64
 
-Bool = npt.NDArray[np.bool_]
 _PSI_COLUMNS: Final = np.arange(PSI, PSI + 3, dtype=np.int64)
 _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer are not the same for certain
 # half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
@@ -21,9 +20,8 @@ from insgnss.filter.antennas.memory import Key
 from insgnss.gnss.antenna_phases import AntennaPhases, Channel
 from insgnss.gnss.noise_model import LOWEST_SINE, thermal_factor
 from insgnss.gnss.observation_rows import MOST_CN0_DBHZ
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
-Bool = npt.NDArray[np.bool_]
 _ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
 # A reflection without the direct signal has any phase: the variance of an even distribution over a cycle
 _HIDDEN_CYCLES2: Final = 1.0 / 12.0

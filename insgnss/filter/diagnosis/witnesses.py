@@ -7,14 +7,13 @@ from collections import Counter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.writing import Table
 from insgnss.filter.update.creeping import LEAST_AGREEING, RATE_FLOOR2
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
 from insgnss.status import GATED, INCONSISTENT, USED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 MOST_SATELLITES: Final = 3
 _TELLING_S: Final = 5.0  # over which the means of the range rates say which satellites run away
@@ -51,7 +50,7 @@ class EpochLog(NamedTuple):
         return KindColumns(*(self.ledger[name][:, kind] for name in KindColumns._fields))
 
 
-def used_and_refused(status: Int64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+def used_and_refused(status: Int64) -> tuple[Bool, Bool]:
     """Return which rows of a status were used, and which were refused because they contradict the filter."""
     return status == USED, (status == GATED) | (status == INCONSISTENT)
 

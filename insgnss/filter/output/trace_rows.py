@@ -17,7 +17,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 TRACE_DTYPE: Final = np.dtype(
     (
@@ -51,7 +51,7 @@ class TraceRoom(NamedTuple):
     """Where the trace is written, and for which times; no times: nothing is written."""
 
     times_ns: Int64  # (k,) increasing, each the time of an inertial sample
-    is_epoch: npt.NDArray[np.bool_]  # (k,) times that bring their covariance whatever the tick
+    is_epoch: Bool  # (k,) times that bring their covariance whatever the tick
     interval_ns: int  # GPS time is cut into such ticks: the first row in each brings its covariance
     row: npt.NDArray[Any]  # (k,) of TRACE_DTYPE, filled from the front
     offset: Float64  # (k, n_offsets) inter-system clock offsets [m], beside ``row``

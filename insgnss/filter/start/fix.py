@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.gnss.least_squares import CLOCKS, Ties
@@ -17,7 +16,7 @@ from insgnss.gnss.point.log import solve_epochs
 from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.gnss.troposphere import Weather
 from insgnss.status import USED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _FALSE_ALARM_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm costs one epoch
 # what atmosphere and multipath leave in a fix beyond its own covariance; larger where the filter has states for that,
@@ -43,8 +42,8 @@ class Fix:
     drift: float  # [m/s], NaN without range rates
     P_v: Float64  # (4, 4)
     rows: Int64  # rows of the log that went in, or might have
-    used: npt.NDArray[np.bool_]  # (2, k) which of them the solution used, per kind
-    tried: npt.NDArray[np.bool_]  # (2, k) which of them were offered to it
+    used: Bool  # (2, k) which of them the solution used, per kind
+    tried: Bool  # (2, k) which of them were offered to it
     checked: bool  # there was redundancy and it agreed
 
     @property

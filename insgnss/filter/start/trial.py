@@ -35,7 +35,7 @@ from insgnss.filter.start.starter import Starter
 from insgnss.filter.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.gnss.observation_rows import GnssRows, one_epoch
-from insgnss.tables import Event, Float64
+from insgnss.tables import Bool, Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
 _OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
@@ -88,7 +88,7 @@ class StartValidation:
         alone = _log_sum(weight[: self.n_given])
         return alone if alone > _HALF else _log_sum(weight[self._agreeing()])
 
-    def _agreeing(self) -> npt.NDArray[np.bool_]:
+    def _agreeing(self) -> Bool:
         """Return which hypotheses have the attitude of the given start, its own of course."""
         assert self.bank is not None
         n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)

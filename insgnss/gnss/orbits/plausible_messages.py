@@ -20,12 +20,9 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import S_PER_WEEK
-from insgnss.tables import EphemerisTable, Event, Float64, NavigationData, StateVectorTable
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, EphemerisTable, Event, Float64, NavigationData, StateVectorTable
 
 # From medium to geostationary orbit the distance from the Earth's centre is 2.3e7 (Galileo's two eccentric satellites,
 # at perigee) to 4.6e7 m (QZSS, at apogee), and no satellite there is faster than the escape velocity at 1e7 m

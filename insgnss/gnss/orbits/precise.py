@@ -34,7 +34,7 @@ from insgnss.gnss.orbits.satellite_state import (
 from insgnss.gnss.phase_centre import SatelliteAntennas, phase_centre_offsets
 from insgnss.gnss.signals import signal_of
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNKNOWN_SIGNAL, USED
-from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, PreciseProducts
+from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int64, PreciseProducts
 
 N_NODES: Final = 11
 # one and a half of the usual 15 min: a node missing there ends an arc
@@ -190,7 +190,7 @@ def _nodes(products: PreciseProducts, satellite: int, reference_ns: int) -> _Orb
     return _Orbit(t_ns, _turned(products.r_e[satellite][good], angle), arc.astype(np.int64))
 
 
-def _windows(orbit: _Orbit, t_ns: Int64) -> tuple[Int64, npt.NDArray[np.bool_]]:
+def _windows(orbit: _Orbit, t_ns: Int64) -> tuple[Int64, Bool]:
     """Return the first node of each time's window, and whether there is one: within an arc that is long enough."""
     if len(orbit.t_ns) < N_NODES:
         return np.zeros(len(t_ns), np.int64), np.zeros(len(t_ns), np.bool_)

@@ -34,7 +34,6 @@ from insgnss.status import BAD_VALUE, NO_CHANNEL, NO_EPHEMERIS, UNKNOWN_SIGNAL, 
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64, NavigationData
 
 UInt8 = npt.NDArray[np.uint8]
-Bool = npt.NDArray[np.bool_]
 
 USUAL_FLIGHT_S = 0.075  # of an epoch without any pseudorange: 20 200 km (GPS, zenith) to 25 800 km (horizon)
 # A flight time this far from the epoch's median is a wrong pseudorange, not a satellite: from low orbit to

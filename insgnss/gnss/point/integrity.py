@@ -17,7 +17,6 @@ import numpy as np
 from insgnss.gnss.dilution import along
 from insgnss.gnss.least_squares import (
     CLOCKS,
-    Bool,
     FitRows,
     FitWorkspace,
     clock_of,
@@ -31,7 +30,7 @@ from insgnss.gnss.least_squares import (
 )
 from insgnss.gnss.point.robust_fit import search
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 OK: Final = 0  # tested, and the rows agree
 EXCLUDED: Final = 1  # the rows agree without those that were excluded

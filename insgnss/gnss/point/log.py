@@ -20,7 +20,6 @@ from insgnss.gnss.least_squares import (
     CLOCKS,
     RANGE,
     RANGE_RATE,
-    Bool,
     FitRows,
     copy,
     count,
@@ -52,7 +51,7 @@ from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings
 from insgnss.gnss.range_model import AIR_DTYPE, Air, place_air, slant_delay
 from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, MASKED_CN0, MASKED_ELEVATION, NO_SOLUTION, USED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _UNCORRECTED_SIGMA_M: Final = 15.0  # of the first fit, which knows no elevation and no atmosphere
 _STILL_M: Final = 1.0  # the corrections of a place a metre away differ by less than 2 mm

@@ -22,7 +22,6 @@ from insgnss.gnss.least_squares import (
     CLOCKS,
     RANGE,
     RANGE_RATE,
-    Bool,
     FitRows,
     FitWorkspace,
     clock_of,
@@ -36,7 +35,7 @@ from insgnss.gnss.least_squares import (
     rows_per_clock,
 )
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 # 1000 subsets: with 40 % false rows and 6 unknowns 47 of them are clean; 3 ms, spent only when the plain fit fails
 _TRIALS: Final = 1000

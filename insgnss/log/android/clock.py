@@ -14,13 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.log.android.lines import AndroidCells
-from insgnss.tables import Event, Float64, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Event, Float64, Int64
 
 CERTAIN_NS: Final = 1e6  # a bias known to a millisecond: satellites move 4 m in it
 # The range of GPS times that a phone can mean: raw measurements began with Android 7 in 2016; 2106 is a damaged cell

@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv
 
-from insgnss.tables import Float64, Int64
+from insgnss.constants import NS_PER_MS
+from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
+from insgnss.tables import Bool, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
 _TABLE_HEADER: Final = "MessageType,"
@@ -34,7 +35,6 @@ class AndroidLines:
 
     columns: tuple[str, ...] = ()
     texts: list[str] = field(default_factory=list)
-    first_line: int = 0  # number in the file of the first of them
 
 
 def lines_by_kind(text: str) -> dict[str, AndroidLines]:
@@ -56,8 +56,6 @@ def lines_by_kind(text: str) -> dict[str, AndroidLines]:
             if not comma or not _KIND.fullmatch(kind):
                 continue
             of_kind = kinds[kind] = AndroidLines()
-        if not of_kind.texts:
-            of_kind.first_line = number
         of_kind.texts.append(line)
     for of_kind in kinds.values():
         of_kind.columns = of_kind.columns or of_all
@@ -82,7 +80,7 @@ class AndroidCells:
         """Return whether the file has a column of this name, in capitals or not."""
         return name.lower() in self.columns
 
-    def integers(self, name: str) -> tuple[Int64, npt.NDArray[np.bool_]]:
+    def integers(self, name: str) -> tuple[Int64, Bool]:
         """Return a column as integers, exact to the last digit, and where there is one; zero elsewhere."""
         return self._numbers(name, _INTEGER, pa.int64(), 0)
 
@@ -90,6 +88,14 @@ class AndroidCells:
         """Return a column as floats, NaN where the cell is empty or no number."""
         values, present = self._numbers(name, _DECIMAL, pa.float64(), 0.0)
         return np.where(present & np.isfinite(values), values, np.nan)
+
+    def gps_times(self, name: str) -> tuple[Int64, Bool]:
+        """Return the GPS time [ns] of a column of Unix milliseconds, and where it is a date; zero elsewhere."""
+        unix_ms, given = self.integers(name)
+        given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
+        t_ns = np.zeros(self.n, np.int64)
+        t_ns[given] = unix_to_gps_ns(unix_ms[given] * NS_PER_MS)
+        return t_ns, given
 
     def texts(self, name: str) -> list[str]:
         """Return a column as text, empty where the file has no such column."""

@@ -18,13 +18,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
+from insgnss.constants import C_MPS, NS_PER_MS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
-from insgnss.log.android.clock import Bool, ReceiverClock, corrected_by_satellites, receiver_clock
+from insgnss.log.android.clock import ReceiverClock, corrected_by_satellites, receiver_clock
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
 from insgnss.log.satellites import channel_of_name
-from insgnss.tables import Event, Float64, GnssTable, Int8, Int64
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int8, Int64
 
 # GnssMeasurement.getState
 CODE_LOCK, SUBFRAME_SYNC, TOW_DECODED, MSEC_AMBIGUOUS = 0x1, 0x4, 0x8, 0x10
@@ -37,15 +37,14 @@ ADR_VALID, ADR_RESET, ADR_CYCLE_SLIP, ADR_HALF_CYCLE_RESOLVED, ADR_HALF_CYCLE_RE
 
 SHORTEST_NS, LONGEST_NS = 1e6, 5e8  # of a travel time with a clock that is off: 300 km to half a second
 _DAY_NS: Final = S_PER_DAY * NS_PER_S
-_MS: Final = NS_PER_S // 1000
 # In what the time of transmission counts where only that was found: state, systems, period; the longest first
 _PERIODS: Final = (
-    (SUBFRAME_SYNC, "GJCI", 6000 * _MS),
-    (GLO_STRING_SYNC, "R", 2000 * _MS),
-    (GAL_E1B_PAGE_SYNC, "E", 2000 * _MS),
-    (SBAS_SYNC, "S", 1000 * _MS),
-    (BDS_D2_SUBFRAME_SYNC, "C", 600 * _MS),
-    (GAL_E1C_2ND_CODE_LOCK, "E", 100 * _MS),
+    (SUBFRAME_SYNC, "GJCI", 6000 * NS_PER_MS),
+    (GLO_STRING_SYNC, "R", 2000 * NS_PER_MS),
+    (GAL_E1B_PAGE_SYNC, "E", 2000 * NS_PER_MS),
+    (SBAS_SYNC, "S", 1000 * NS_PER_MS),
+    (BDS_D2_SUBFRAME_SYNC, "C", 600 * NS_PER_MS),
+    (GAL_E1C_2ND_CODE_LOCK, "E", 100 * NS_PER_MS),
 )
 # Stated uncertainties from which on a number is predicted, not measured; phones write 1 s, c and c / 1e6
 _UNMEASURED_NS: Final = 1e6

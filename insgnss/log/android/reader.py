@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_MS, NS_PER_S
 from insgnss.errors import InputError
-from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.fixes import fixes
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, lines_by_kind
@@ -18,10 +16,9 @@ from insgnss.log.android.measurements import measurements
 from insgnss.log.files import file_text
 from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog
-from insgnss.tables import Event, Float64, ImuTable, Int64
+from insgnss.tables import Bool, Event, Float64, ImuTable, Int64
 
 READ_KINDS: Final = frozenset({"Raw", "UncalAccel", "UncalGyro", "Accel", "Gyro", "Fix"})
-_NS_PER_MS: Final = NS_PER_S // 1000
 # Kinds of line in the order of preference, with the columns of the three axes
 _ACCELERATION: Final = (
     ("UncalAccel", ("UncalAccelXMps2", "UncalAccelYMps2", "UncalAccelZMps2")),
@@ -121,27 +118,19 @@ def _elapsed_to_gps(
     return (int(elapsed[0]), int(gps[0]) + round(constant), rate), []
 
 
-def _without_outliers(values: Float64) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _without_outliers(values: Float64) -> Bool:
     """Return which values lie within five robust sigmas of the median, and a millisecond."""
     deviation = np.abs(values - np.median(values))
-    return np.asarray(deviation <= 5 * 1.4826 * np.median(deviation) + _NS_PER_MS)
+    return np.asarray(deviation <= 5 * 1.4826 * np.median(deviation) + NS_PER_MS)
 
 
-def _sample_times(
-    found: AndroidCells, clock: tuple[int, int, float] | None
-) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _sample_times(found: AndroidCells, clock: tuple[int, int, float] | None) -> tuple[Int64, Bool]:
     """Return the GPS time of each sample and where it is known."""
     if clock is not None:
         elapsed, given = found.integers("elapsedRealtimeNanos")
         since = elapsed - clock[0]
         return clock[1] + since + np.rint(since * clock[2]).astype(np.int64), given
-    unix_ms, given = found.integers("utcTimeMillis")
-    given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
-    if not given.any():
-        return np.zeros(found.n, np.int64), given
-    first = dt.datetime(1970, 1, 1) + dt.timedelta(milliseconds=int(unix_ms[given][0]))
-    shift = (leap_seconds(first) - UNIX_TO_GPS_S) * NS_PER_S
-    utc_ns = np.where(given, unix_ms * _NS_PER_MS + shift, 0)
+    utc_ns, given = found.gps_times("utcTimeMillis")
     elapsed, ticks = found.integers("elapsedRealtimeNanos")
     ticks &= elapsed > 0
     if not (given & ticks).any():

@@ -17,7 +17,7 @@ from insgnss.log.checks.rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.stretches import GNSS_GAP_STEPS
 from insgnss.log.gnss_rows import epochs
-from insgnss.tables import Float64, GnssTable, Int64, NavigationData
+from insgnss.tables import Bool, Float64, GnssTable, Int64, NavigationData
 
 MIN_SATELLITES: Final = 4
 
@@ -95,9 +95,7 @@ def _satellite_findings(gnss: GnssTable, starts: Int64, config: FlightConfig) ->
     return findings
 
 
-def _distinct_per_epoch(
-    gnss: GnssTable, starts: Int64, which: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> Int64:
+def _distinct_per_epoch(gnss: GnssTable, starts: Int64, which: Bool) -> Int64:
     """Return how many different satellites have a chosen row in each epoch."""
     epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     keys = np.unique(epoch[which] * len(gnss.sv_names) + gnss.sv[which])
@@ -196,7 +194,7 @@ def _messages(navigation: NavigationData) -> _Messages:
     )
 
 
-def _covered_rows(gnss: GnssTable, messages: _Messages) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _covered_rows(gnss: GnssTable, messages: _Messages) -> Bool:
     """Return which rows have a message of their satellite within its time of use."""
     names = np.array(messages.sv_names)
     covered = np.zeros(len(gnss.t_ns), np.bool_)

@@ -10,8 +10,8 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import Finding
 from insgnss.log.imu.time import GAP_STEPS
-from insgnss.log.imu.windows import Bool, ImuWindows, imu_windows
-from insgnss.tables import Float64, ImuTable, Int64
+from insgnss.log.imu.windows import ImuWindows, imu_windows
+from insgnss.tables import Bool, Float64, ImuTable, Int64
 
 REST_DIRECTION_RAD: Final = np.deg2rad(0.5)  # f turns less than this from second to second at rest ...
 REST_RATE_CHANGE_RADPS: Final = np.deg2rad(0.5)  # ... and the mean rate changes less than this

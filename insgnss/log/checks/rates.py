@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.flight import Gnss
 from insgnss.config.log_table import NO_COLUMN
@@ -14,9 +13,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.tables import Float64, GnssTable, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 MIN_PAIRS: Final = 10

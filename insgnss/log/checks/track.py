@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.point.integrity import EXCLUDED, NOT_IDENTIFIED, OK, UNTESTED
 from insgnss.gnss.point.rows import PointLog
-from insgnss.tables import Float64, GnssTable, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 # on and above the Earth, where logs come from; a solution elsewhere has wrong satellites
 NEAREST_M: Final = 6.33e6
@@ -28,7 +25,6 @@ POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second a
 class GnssTrack:
     """Epochs with a solution; times are GPS time, the receiver's clock taken out."""
 
-    tag_ns: Int64  # (m,) receiver time tag
     t_s: Float64  # (m,) seconds after ``origin_ns``
     r_e: Float64  # (m, 3) [m]
     v_e: Float64  # (m, 3) [m/s]
@@ -72,7 +68,6 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     used &= np.isfinite(v_e[:, 0]) & np.isfinite(out.clock_m[:, 0])
     clock_m = out.clock_m[used, 0]
     return GnssTrack(
-        epoch_ns[used],
         t_s[used] - clock_m / C_MPS,
         out.r_e[used],
         v_e[used],

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import LEAP_SECONDS, UNIX_TO_GPS_S
-from insgnss.tables import Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Int64
 
 _SHORTEST: Final = len("2025-08-28T17:30:22")  # pyarrow takes a date alone for its midnight
 _FIRST_YEAR, _LAST_YEAR = 1969, 2261  # local dates of nanoseconds since 1970 in 64 bits

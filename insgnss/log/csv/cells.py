@@ -7,13 +7,10 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from insgnss.tables import Float64, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, Int64
 
 # Cells that mean "no value"; any other cell that is not a number is a bad cell
 EMPTY_CELLS: Final = ("", *"nan NaN NAN -nan na NA n/a N/A null NULL none None".split())

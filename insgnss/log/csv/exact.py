@@ -26,9 +26,7 @@ from insgnss.log.csv.cells import EMPTY_CELLS, date_advice, floats, foreign_numb
 from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
-from insgnss.tables import Event, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Event, Int64
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is
 MAX_BAD_ROWS_SMALL_FILE: Final = 3  # so that one bad row in a file of ten is still only a bad row

@@ -18,7 +18,7 @@ from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.first_events import first_events
-from insgnss.tables import Event, Int64
+from insgnss.tables import Bool, Event, Int64
 
 NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
@@ -94,7 +94,7 @@ def gps_times(
 
 
 def _possible_rows(
-    table: CsvTable, column: str, scale: TimeScale, possible: npt.NDArray[np.bool_]
+    table: CsvTable, column: str, scale: TimeScale, possible: Bool
 ) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
     if possible.all():
         return None, []

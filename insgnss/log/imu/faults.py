@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.log.first_events import shortened
-from insgnss.tables import Event, Float64, Int64
+from insgnss.tables import Event, Float64, Int64, stretches_of
 from insgnss.units import RAD_PER_DEG
 
 # Equal to the last digit for this long, with the other axes moving: no sensor at rest does that
@@ -37,29 +36,16 @@ class SensorTriad:
 
 def fault_events(t_ns: Int64, axes: SensorTriad, file: str) -> list[Event]:
     """Return an event for each stretch in which an axis is stuck, and one for each axis that saturates."""
-    longest = [_equal_runs(column) for column in axes.columns]
     events: list[Event] = []
     for axis in range(3):
-        events += _stuck(t_ns, axes, axis, longest[axis], file)
+        events += _stuck(t_ns, axes, axis, file)
         events += _saturated(t_ns, axes, axis, file)
     return events
 
 
-def _equal_runs(column: Float64) -> tuple[Int64, Int64]:
-    """Return the first and last index of each run of two and more equal values."""
-    return runs_of(column[1:] == column[:-1])
-
-
-def runs_of(same: npt.NDArray[np.bool_]) -> tuple[Int64, Int64]:
-    """Return the first and last sample of each run, from whether each of (n - 1,) is the same as the one before."""
-    if not same.any():
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    edge = np.diff(same.astype(np.int8), prepend=0, append=0)
-    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
-
-
-def _stuck(t_ns: Int64, axes: SensorTriad, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
-    first, last = runs
+def _stuck(t_ns: Int64, axes: SensorTriad, axis: int, file: str) -> list[Event]:
+    column = axes.columns[axis]
+    first, last = stretches_of(column[1:] == column[:-1]).T
     long = np.flatnonzero(t_ns[last] - t_ns[first] > STUCK_S * NS_PER_S)
     events = []
     for run in long:
@@ -68,7 +54,7 @@ def _stuck(t_ns: Int64, axes: SensorTriad, axis: int, runs: tuple[Int64, Int64],
         if not any(other.min() < other.max() for other in others):
             continue
         seconds = (t_ns[b] - t_ns[a]) / NS_PER_S
-        detail = f"{file}: column '{axes.names[axis]}' holds {axes.columns[axis][a]:g} for {seconds:.3g} s"
+        detail = f"{file}: column '{axes.names[axis]}' holds {column[a]:g} for {seconds:.3g} s"
         events.append(Event(int(t_ns[a]), "imu_stuck_axis", detail))
     return shortened(events, file)
 

@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.log.first_events import shortened
-from insgnss.log.imu.faults import SensorTriad, runs_of
-from insgnss.tables import Event, Float64, Int64
+from insgnss.log.imu.faults import SensorTriad
+from insgnss.tables import Bool, Event, Float64, Int64, stretches_of
 from insgnss.units import RAD_PER_DEG
-
-Bool = npt.NDArray[np.bool_]
 
 FROZEN: Final = "imu_frozen_sensor"
 DEAD: Final = "imu_dead_sensor"
@@ -72,7 +69,7 @@ def _repeats(sensor: SensorTriad) -> Bool:
 
 def _runs(t_ns: Int64, same: Bool) -> list[tuple[int, int]]:
     """Return first and last sample of the runs that are long enough."""
-    first, last = runs_of(same)
+    first, last = stretches_of(same).T
     long = (t_ns[last] - t_ns[first] >= FROZEN_S * NS_PER_S) & (last - first + 1 >= FROZEN_SAMPLES)
     return list(zip(first[long].tolist(), last[long].tolist(), strict=True))
 
@@ -86,7 +83,7 @@ def _long(t_ns: Int64, same: Bool) -> Bool:
 
 def _short_runs(same: Bool, outside: Bool) -> float:
     """Return the share of samples outside the long runs that lie in runs of ``COARSE_SAMPLES`` and more."""
-    first, last = runs_of(same & outside)
+    first, last = stretches_of(same & outside).T
     length = last - first + 1
     return float(length[length >= COARSE_SAMPLES].sum() / max(int(outside.sum()), 1))
 

@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.tables import Event, Float64, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Event, Float64, Int64
 
 LONG_STEP: Final = 1.5  # so many usual steps: shorter ones are jitter, which the tags carry
 STEP_BLOCK: Final = 64  # samples that share a usual step: half of it is known after half a block

@@ -11,7 +11,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import TimeError
 from insgnss.log.first_events import shortened
-from insgnss.tables import Event, Int64
+from insgnss.tables import Event, Int64, stretches_of
 
 GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
 GAP_MIN_S: Final = 0.05  # ... if it is also longer than this: shorter ones are jitter, which the tags carry
@@ -107,9 +107,8 @@ def _refusals(t_ns: Int64, kept: Int64, file: str) -> list[Event]:
     """Return an event for each stretch of refused samples."""
     refused = np.ones(len(t_ns), np.bool_)
     refused[kept] = False
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], refused, [False]))))
     events = []
-    for start, end in edges.reshape(-1, 2).tolist():
+    for start, end in stretches_of(refused).tolist():
         before = int(t_ns[start - 1]) if start else None
         after = int(t_ns[end]) if end < len(t_ns) else None
         events.append(_refusal(t_ns[start:end], before, after, file))

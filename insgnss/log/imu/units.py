@@ -14,8 +14,8 @@ from insgnss.config.flight import ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import UnitsError
 from insgnss.inertial.sensor_model import OVER_RANGE
-from insgnss.log.imu.windows import Bool, ImuWindows, imu_windows
-from insgnss.tables import Event, Float64, ImuTable
+from insgnss.log.imu.windows import ImuWindows, imu_windows
+from insgnss.tables import Bool, Event, Float64, ImuTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 MIN_QUIET_WINDOWS: Final = 4

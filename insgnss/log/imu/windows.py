@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.tables import Float64, ImuTable, Int64
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, ImuTable, Int64
 
 WINDOW_S: Final = 1.0
 MIN_SAMPLES: Final = 4  # of a window: a log at 2 Hz gets windows of two seconds

@@ -6,7 +6,8 @@ import math
 from typing import Final
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
+from insgnss.gnss.orbits.ephemeris_rows import is_beidou_geo
+from insgnss.gpstime import BDT_TO_GPS_NS, BDT_WEEK_OFFSET
 from insgnss.log.messages.bits import Field, power, unsigned
 from insgnss.log.messages.broadcast import (
     ELEMENTS,
@@ -22,7 +23,6 @@ LENGTH: Final = 224  # information bits of a subframe: 26 of the first word, 22 
 HEADER: Final = 38  # preamble, reserved bits, subframe number, seconds of the week
 PREAMBLE: Final = 0b11100010010
 WEEK_ROLLOVER: Final = 8192
-_BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
 
 CLOCK_HEAD: Final = (
     Field("health", 1),
@@ -39,6 +39,11 @@ CLOCK: Final = (
     Field("af1", 22, power(-50), True),
     Field("aode", 5),
 )
+
+
+def beidou_message(sv: str) -> str:
+    """Return which message a satellite sends: "D2" from a geostationary one, "D1" from the others."""
+    return "D2" if is_beidou_geo(sv, "") else "D1"
 
 
 def information_bits(words: list[int]) -> int:
@@ -70,12 +75,12 @@ def take(
         # the first 157 years of BeiDou time
         near_bdt_ns = (int(values["week"]) * NS_PER_WEEK) + sow * NS_PER_S
     else:
-        near_bdt_ns = near_ns - _BDT_TO_GPS_NS - BDT_WEEK_OFFSET * NS_PER_WEEK
+        near_bdt_ns = near_ns - BDT_TO_GPS_NS - BDT_WEEK_OFFSET * NS_PER_WEEK
     sent_ns = in_nearest_week(int(values["week"]), WEEK_ROLLOVER, sow, near_bdt_ns)
     if abs(sent_ns - near_bdt_ns) > TIME_AGREES_NS:
         broadcast.refused[f"{message} message whose week contradicts the receiver time"] += 1
         return
-    to_gps = BDT_WEEK_OFFSET * NS_PER_WEEK + _BDT_TO_GPS_NS
+    to_gps = BDT_WEEK_OFFSET * NS_PER_WEEK + BDT_TO_GPS_NS
     broadcast.ephemerides.setdefault(
         Ephemeris(
             sv,

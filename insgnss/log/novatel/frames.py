@@ -18,13 +18,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
-
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.constants import NS_PER_MS, NS_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import file_buffer
 from insgnss.log.framing_events import framing_events
-from insgnss.tables import Event, Int64
+from insgnss.tables import Event
 
 SYNC: Final = b"\xaa\x44"
 LONG, SHORT = 0x12, 0x13
@@ -143,15 +141,5 @@ def _keep(found: NovatelFrames, at: int, stop: int) -> None:
         if form & _RESPONSE or form & _NO_BINARY:
             return
     timed = known and 0 < week <= LATEST_WEEK and ms < NS_PER_WEEK // 1_000_000
-    t_ns = week * NS_PER_WEEK + ms * (NS_PER_S // 1000) if timed else -1
+    t_ns = week * NS_PER_WEEK + ms * NS_PER_MS if timed else -1
     found.frames.setdefault(kind, []).append(Frame(start, stop - start, t_ns, second))
-
-
-def records(
-    data: bytes, starts: list[int] | Int64, layout: np.dtype[np.void]
-) -> np.ndarray[tuple[int], np.dtype[np.void]]:
-    """Return the records of a layout that begin at ``starts``, one for each."""
-    if not len(starts):
-        return np.zeros(0, layout)
-    at = np.asarray(starts, dtype=np.int64)[:, None] + np.arange(layout.itemsize)
-    return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]

@@ -14,7 +14,8 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.novatel.frames import NovatelFrames, records
+from insgnss.log.files import records
+from insgnss.log.novatel.frames import NovatelFrames
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG
 

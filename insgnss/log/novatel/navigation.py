@@ -15,15 +15,15 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
-from insgnss.gpstime import BDT_MINUS_GPST_S, LATEST_WEEK
+from insgnss.gpstime import BDT_TO_GPS_NS, LATEST_WEEK
+from insgnss.log.files import records
+from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
-from insgnss.log.novatel.frames import NovatelFrames, records
+from insgnss.log.novatel.frames import NovatelFrames
 from insgnss.log.novatel.signals import satellite_name
 
-_BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
-_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))
 _QZSS_FIRST: Final = 193
 _ELEMENTS: Final = (
     *("toe", "af0", "af1", "af2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
@@ -168,7 +168,7 @@ def _take(
             "ephemeris of an unknown satellite, without a time or with an invalid number; refused"
         ] += 1
         return
-    shift = _BDT_TO_GPS_NS if sv[0] == "C" else 0
+    shift = BDT_TO_GPS_NS if sv[0] == "C" else 0
     toe_ns, toc_ns = (nearest_in_week(s % 604_800, near_ns - shift) + shift for s in (values[0], toc))
     found.ephemerides.setdefault(Ephemeris(sv, kind, toe_ns, toc_ns, *stated, tuple(values)))
 
@@ -226,7 +226,7 @@ def _beidou(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -
     delays = (float(row["tgd1"]), float(row["tgd2"]))
     accuracy = float(row["ura"]) if math.isfinite(row["ura"]) else math.nan
     stated = (delays, float(int(row["health"]) & 1), accuracy, float(row["aode"]), math.nan)
-    _take(found, sv, "D2" if sv in _GEOSTATIONARY else "D1", row, near_ns, stated, {})
+    _take(found, sv, beidou_message(sv), row, near_ns, stated, {})
 
 
 def _glonass(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:

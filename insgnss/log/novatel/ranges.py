@@ -17,14 +17,14 @@ import numpy.typing as npt
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import B1I_HZ, CHANNEL_OFFSET, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
 from insgnss.log.carrier_slips import slipped_rows
+from insgnss.log.files import records
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.novatel.frames import Frame, NovatelFrames, records
+from insgnss.log.novatel.frames import Frame, NovatelFrames
 from insgnss.log.novatel.signals import SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
 from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64
 
 RANGE, RANGECMP, RANGECMP2 = 43, 140, 1273
 COMPRESSED_FURTHER: Final = {1734: "RANGECMP3", 2050: "RANGECMP4", 2537: "RANGECMP5"}
-Bool = npt.NDArray[np.bool_]
 _PHASE_LOCK, _PARITY_KNOWN, _CODE_LOCK, _HALF_CYCLE = 1 << 10, 1 << 11, 1 << 12, 1 << 28
 _RANGE: Final = np.dtype(
     [

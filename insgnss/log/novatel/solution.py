@@ -13,7 +13,9 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.novatel.frames import NovatelFrames, records
+from insgnss.log.files import records
+from insgnss.log.novatel.frames import NovatelFrames
+from insgnss.log.own_solution import distinct_rows, stated_sigmas
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 INSPVAX: Final = 1465
@@ -130,15 +132,14 @@ def _table(
     """Return the usable rows in the order of time, and how many others there were."""
     usable = (t_ns >= 0) & np.isfinite(quality) & np.isfinite(height) & (np.abs(height) < 1e8)
     usable &= (np.abs(rows["lat"]) <= 90.0) & (np.abs(rows["lon"]) <= 360.0)
-    times, first = np.unique(t_ns[usable], return_index=True)
-    kept = np.flatnonzero(usable)[first]
+    kept = distinct_rows(t_ns, usable)
     if len(kept) < 2:
         return None, len(rows)
     motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[kept]
     if sigma is not None:
-        sigma = np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < 1e6), sigma, np.nan)[kept]
+        sigma = stated_sigmas(sigma)[kept]
     table = ReferenceTable(
-        times,
+        t_ns[kept],
         rows["lat"][kept],
         rows["lon"][kept],
         height[kept],

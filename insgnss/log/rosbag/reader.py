@@ -17,9 +17,9 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
-from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
-from insgnss.log.android.fixes import OWN_SOLUTION
+from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.imu.sensor_pairs import paired
+from insgnss.log.own_solution import distinct_rows, not_independent, own_reference
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.rosbag.mcap_file import Topic, read_topics
 from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
@@ -113,11 +113,9 @@ def _times(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
     if not good.all():
         detail = f"{topic.name}: {int((~good).sum())} message(s) with an invalid time stamp (simulated time?) left out"
         events.append(Event(None, "mcap_time_unknown", detail))
-    if not good.any():
-        return np.full(len(messages), -1, np.int64)
-    since = (seconds - UNIX_TO_GPS_S) * NS_PER_S + nanos
-    leap = leap_seconds(ns_to_datetime(int(since[good][0])))
-    return np.where(good, since + leap * NS_PER_S, -1)
+    t_ns = np.full(len(messages), -1, np.int64)
+    t_ns[good] = unix_to_gps_ns(seconds[good] * NS_PER_S + nanos[good])
+    return t_ns
 
 
 def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
@@ -164,9 +162,7 @@ def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
     known = np.array([m.position_covariance_type > 0 for _, m in messages])
     good = (t_ns >= 0) & np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0)
     good &= (np.abs(place[:, 1]) <= 360.0) & (np.abs(place[:, 2]) < 1e8)
-    rows = np.flatnonzero(good)
-    _, first = np.unique(t_ns[rows], return_index=True)
-    rows = rows[first]
+    rows = distinct_rows(t_ns, good)
     if len(rows) < 2:
         return None
     sigma = np.full((len(rows), 9), np.nan)
@@ -174,13 +170,5 @@ def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
     sigma[:, :3] = np.where(
         known[rows, None] & (variance > 0.0) & (variance < 1e12), np.sqrt(variance), np.nan
     )
-    unknown = np.full((len(rows), 3), np.nan)
-    events.append(
-        Event(
-            None,
-            "reference_own",
-            f"the reference is {topic.name}, the receiver's fixes: not independent truth",
-        )
-    )
-    lat, lon, h = place[rows].T
-    return ReferenceTable(t_ns[rows], lat, lon, h, unknown, unknown, np.full(len(rows), OWN_SOLUTION), sigma)
+    events.append(not_independent(f"{topic.name}, the receiver's fixes"))
+    return own_reference(t_ns[rows], place[rows], sigma)

@@ -12,16 +12,17 @@ from typing import Any, Final
 
 from insgnss.constants import M_PER_KM, NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
+from insgnss.gpstime import BDT_TO_GPS_NS, BDT_WEEK_OFFSET
+from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.bits import angle, power
 from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
-from insgnss.log.rtcm.time import BDT_TO_GPS_NS, GPS_WEEKS_SENT
+from insgnss.log.rtcm.time import GPS_WEEKS_SENT
 from insgnss.log.satellites import MAX_NUMBER
 
 _FAR_NS: Final = 2 * 86_400 * NS_PER_S  # of a message's week from that of the epochs
-_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
 _ANGLES: Final = {
     **{"i0": -31, "omega0": -31, "omega": -31, "m0": -31},
     **{"delta_n": -43, "omega_dot": -43, "idot": -43},
@@ -108,12 +109,12 @@ def _flags(invalid: bool, health: int, place: int) -> int:
 def _beidou(found: Broadcast, message: Any, near_ns: int) -> None:
     row = message.beidou_ephemeris
     sv = _name("C", row.satellite_id)
-    sent_ns = (row.week_number + 1356) * NS_PER_WEEK + row.t_oe * 8 * NS_PER_S + BDT_TO_GPS_NS
+    sent_ns = (row.week_number + BDT_WEEK_OFFSET) * NS_PER_WEEK + row.t_oe * 8 * NS_PER_S + BDT_TO_GPS_NS
     if not _is_near(found, sv, sent_ns, near_ns, 8192, message):
         return
     delays = (row.t_gd1 * 1e-10, row.t_gd2 * 1e-10)
     stated = (delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode), math.nan)
-    _add(found, sv, "D2" if sv in _GEOSTATIONARY else "D1", row, _BEIDOU, near_ns, stated, BDT_TO_GPS_NS)
+    _add(found, sv, beidou_message(sv), row, _BEIDOU, near_ns, stated, BDT_TO_GPS_NS)
 
 
 def _add(

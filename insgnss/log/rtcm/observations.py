@@ -18,10 +18,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.constants import C_MPS
+from insgnss.constants import C_MPS, NS_PER_MS
 from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, carrier_hz
-from insgnss.log.rtcm.time import NS_PER_MS, EpochTimes
+from insgnss.log.rtcm.time import EpochTimes
 from insgnss.log.satellites import MAX_NUMBER
 from insgnss.tables import Event, Float64, GnssTable
 

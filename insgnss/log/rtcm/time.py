@@ -15,7 +15,7 @@ from typing import Any, Final
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.errors import TimeError
 from insgnss.gpstime import (
-    BDT_MINUS_GPST_S,
+    BDT_TO_GPS_NS,
     BDT_WEEK_OFFSET,
     GST_WEEK_OFFSET,
     datetime_to_ns,
@@ -27,8 +27,6 @@ from insgnss.log.messages.broadcast import nearest_in_week
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.tables import Event
 
-NS_PER_MS: Final = NS_PER_S // 1000
-BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
 GPS_WEEKS_SENT: Final = 1024
 _MJD_EPOCH: Final = dt.datetime(1858, 11, 17)
 _LAST_MJD: Final = 88_127  # 2100-02-28

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.constants import NS_PER_MS, NS_PER_WEEK
+from insgnss.log.files import records
+from insgnss.tables import Bool, Int64
 
 SYNC: Final = b"$@"
 HEADER_LENGTH: Final = 8
@@ -154,24 +155,14 @@ def _sound_length(data: bytes, at: int, found: Blocks) -> int:
     return int(length)
 
 
-def records(
-    data: bytes, starts: list[int], layout: np.dtype[np.void]
-) -> np.ndarray[tuple[int], np.dtype[np.void]]:
-    """Return the records of a layout that begin at ``starts``, one for each."""
-    if not starts:
-        return np.zeros(0, layout)
-    at = np.array(starts, dtype=np.int64)[:, None] + np.arange(layout.itemsize)
-    return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]
-
-
-def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.bool_]:
+def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Bool:
     """Return which of the blocks' contents carry a time."""
     return np.asarray((rows["tow_ms"] < TOW_END_MS) & (rows["week"] < WEEK_END))
 
 
-def block_times_ns(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.int64]:
+def block_times_ns(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Int64:
     """Return the GPS time of blocks whose time is known [ns]."""
-    tow_ns = rows["tow_ms"].astype(np.int64) * (NS_PER_S // 1000)
+    tow_ns = rows["tow_ms"].astype(np.int64) * NS_PER_MS
     return np.asarray(tow_ns + rows["week"].astype(np.int64) * NS_PER_WEEK)
 
 

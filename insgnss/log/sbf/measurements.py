@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.log.files import records
 from insgnss.log.sbf.blocks import (
     CHANNEL_1,
     CHANNEL_2,
@@ -26,14 +27,12 @@ from insgnss.log.sbf.blocks import (
     Blocks,
     block_records,
     block_times_ns,
-    records,
     time_known,
 )
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, E6_B_USED, E6_SIGNAL, SATELLITES, SIGNALS
-from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import Bool, Event, Float64, GnssTable, Int8, Int16, Int64
 
 Records = np.ndarray[tuple[int], np.dtype[np.void]]
-Bool = npt.NDArray[np.bool_]
 
 _EXTENDED: Final = 31  # the signal's number does not fit the field and is in the flags, 32 less
 _HALF_CYCLE: Final = 0x04

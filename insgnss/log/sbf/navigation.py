@@ -12,8 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.constants import M_PER_KM, NS_PER_S
-from insgnss.gpstime import BDT_MINUS_GPST_S
+from insgnss.constants import M_PER_KM
+from insgnss.gpstime import BDT_TO_GPS_NS
+from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.broadcast import (
     ELEMENTS,
     Broadcast,
@@ -42,9 +43,7 @@ from insgnss.log.sbf.blocks import (
 )
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, SATELLITES
 
-_BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
 _INAV, _FNAV = 2, 16
-_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
 _SEMICIRCLES: Final = ("i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot")
 # IS-GPS-200N, 20.3.4.4: "four hours", "greater than four hours"
 _FIT_S: Final = {0: 4 * 3600.0, 1: 6 * 3600.0}
@@ -140,12 +139,12 @@ def _galileo_health(flags: int) -> int:
 
 
 def _beidou(sv: str, row: Any, received_ns: int) -> Ephemeris:
-    near_bdt_ns = received_ns - _BDT_TO_GPS_NS
+    near_bdt_ns = received_ns - BDT_TO_GPS_NS
     return Ephemeris(
         sv,
-        "D2" if sv in _GEOSTATIONARY else "D1",
-        nearest_in_week(float(row["toe_s"]), near_bdt_ns) + _BDT_TO_GPS_NS,
-        nearest_in_week(float(row["toc_s"]), near_bdt_ns) + _BDT_TO_GPS_NS,
+        beidou_message(sv),
+        nearest_in_week(float(row["toe_s"]), near_bdt_ns) + BDT_TO_GPS_NS,
+        nearest_in_week(float(row["toc_s"]), near_bdt_ns) + BDT_TO_GPS_NS,
         (_delay(row["tgd1"]), _delay(row["tgd2"])),
         float(row["health"]),
         ura_m(int(row["ura"]) & 0x0F),

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from insgnss.errors import InputError
-from insgnss.log.files import file_buffer
+from insgnss.log.files import file_buffer, records
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog
@@ -26,7 +26,6 @@ from insgnss.log.sbf.blocks import (
     block_records,
     block_times_ns,
     find_blocks,
-    records,
     time_known,
 )
 from insgnss.log.sbf.measurements import measurements

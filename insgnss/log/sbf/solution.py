@@ -11,6 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.log.files import records
+from insgnss.log.own_solution import distinct_rows
 from insgnss.log.sbf.blocks import (
     FLOAT_MISSING,
     HEADER_LENGTH,
@@ -19,7 +21,6 @@ from insgnss.log.sbf.blocks import (
     Blocks,
     block_records,
     block_times_ns,
-    records,
     time_known,
 )
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
@@ -40,13 +41,12 @@ def solution(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[E
     place = np.column_stack([heads[name] for name in ("lat_rad", "lon_rad", "h_m")])
     usable = time_known(heads) & (heads["error"] == 0) & (place > FLOAT_MISSING).all(axis=1)
     usable &= np.isfinite(place).all(axis=1)
-    rows = np.flatnonzero(usable)
     events = []
-    if len(rows) < len(heads):
-        detail = f"{len(heads) - len(rows)} INSNavGeod block(s) without a solution left out"
+    if not usable.all():
+        detail = f"{int((~usable).sum())} INSNavGeod block(s) without a solution left out"
         events.append(Event(None, "sbf_no_solution", detail))
-    t_ns, first = np.unique(block_times_ns(heads[rows]), return_index=True)
-    rows = rows[first]
+    t_ns = block_times_ns(heads)
+    rows = distinct_rows(t_ns, usable)
     if len(rows) < 2:
         return None, events
     parts = _parts(data, starts[rows], heads[rows])
@@ -57,7 +57,7 @@ def solution(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[E
         [parts[_POSITION_SD], parts[_VELOCITY_SD][:, [1, 0, 2]], parts[_ATTITUDE_SD][:, ::-1]]
     )
     table = ReferenceTable(
-        t_ns,
+        t_ns[rows],
         place[rows, 0] / RAD_PER_DEG,
         place[rows, 1] / RAD_PER_DEG,
         place[rows, 2],

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.gnss.signals import CHANNEL_OFFSET
-from insgnss.log.messages.beidou import information_bits
+from insgnss.log.messages.beidou import beidou_message, information_bits
 from insgnss.log.messages.beidou_d1 import D1Messages
 from insgnss.log.messages.beidou_d2 import D2Messages
 from insgnss.log.messages.bits import joined
@@ -42,8 +42,6 @@ _KINDS: Final = {
     ("R", 2): "glonass",
 }
 _WORDS: Final = {"lnav": 10, "inav": 8, "fnav": 8, "d1": 10, "d2": 10, "glonass": 4}
-# Geostationary BeiDou satellites send D2; receivers before the ninth generation do not state the signal
-_BEIDOU_GEO: Final = frozenset(f"C{number:02d}" for number in (*range(1, 6), *range(59, 64)))
 
 
 class UbxMessages:
@@ -94,8 +92,8 @@ class UbxMessages:
             what = "of unknown satellites" if sv is None else f"of system {system}, signal {signal}"
             self._unused[what] += 1
             return
-        if kind == "d1" and signal == 0 and sv in _BEIDOU_GEO:
-            kind = "d2"
+        if kind == "d1" and signal == 0:  # receivers before the ninth generation do not state the signal
+            kind = beidou_message(sv).lower()
         if count < _WORDS[kind] or len(payload) < _HEAD + 4 * count:
             self.broadcast.refused["RXM-SFRBX frame with too few words"] += 1
             return

@@ -21,7 +21,7 @@ from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.satellites import MAX_NUMBER, SBAS_OFFSET
 from insgnss.log.ubx.frames import UbxFrames
-from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Bool, Event, Float64, GnssTable, Int64
 
 RAWX: Final = 0x0215
 _EPOCH: Final = np.dtype(
@@ -72,7 +72,7 @@ class RawEpochs:
     t_ns: Int64  # (m,) receiver time tag
     offset: Int64  # (m,) place of each in the file
     leap_s: Int64  # (m,) GPS minus UTC, -128 where the receiver does not know it
-    reset: npt.NDArray[np.bool_]  # (m,) the receiver's clock was set here
+    reset: Bool  # (m,) the receiver's clock was set here
     count: Int64  # (m,) measurements of each
     measurements: npt.NDArray[np.void]  # all of them, in order
 
@@ -151,7 +151,7 @@ def observation_table(files: list[RawEpochs], path: Path) -> tuple[GnssTable, li
 
 def _rows(
     t_ns: Int64, measured: npt.NDArray[np.void], path: Path
-) -> tuple[GnssTable, Int64, npt.NDArray[np.bool_], list[Event]]:
+) -> tuple[GnssTable, Int64, Bool, list[Event]]:
     """Return the rows, the lock time of each, whether a half cycle was subtracted, and the events of omitted rows."""
     satellite = _named(measured["gnss"], measured["satellite"], satellite_name)
     signal = _named(measured["gnss"], measured["signal"], _signal_name)
@@ -215,7 +215,7 @@ def _signal_name(gnss: int, signal: int) -> str | None:
     return SIGNALS.get(SYSTEMS.get(gnss, ""), {}).get(signal)
 
 
-def _valid(values: Float64, valid: npt.NDArray[np.bool_] | bool) -> Float64:
+def _valid(values: Float64, valid: Bool | bool) -> Float64:
     return np.where(valid & np.isfinite(values), values, np.nan)
 
 

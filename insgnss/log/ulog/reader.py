@@ -24,7 +24,7 @@ from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.ubx.reader import read_ubx_bytes
 from insgnss.log.ulog.definitions import check_definitions, sound_messages
-from insgnss.log.ulog.solution import FIXES, SOLUTION, solution
+from insgnss.log.ulog.solution import FIXES, SOLUTION, sampled_us, solution
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
 INERTIAL: Final = ("vehicle_imu", "sensor_combined", "sensor_gyro")
@@ -164,7 +164,7 @@ def _inertial(
             samples = _combined(rows)
         else:
             accel = data.get(("sensor_accel", chosen[1]), {})
-            samples = (_sampled_us(rows), _vectors(rows, "xyz"), _sampled_us(accel), _vectors(accel, "xyz"))
+            samples = (sampled_us(rows), _vectors(rows, "xyz"), sampled_us(accel), _vectors(accel, "xyz"))
     except KeyError as error:
         return None, [Event(None, "imu_not_used", f"{chosen[0]} without the column {error}")]
     gyro_us, w, accel_us, f = samples
@@ -190,20 +190,12 @@ def _inertial(
     return imu, events
 
 
-def _sampled_us(rows: Any) -> Int64:
-    """Return when each row was sampled [us of the autopilot's clock]."""
-    name = (
-        "timestamp_sample" if "timestamp_sample" in rows and np.any(rows["timestamp_sample"]) else "timestamp"
-    )
-    return np.asarray(rows[name]).astype(np.int64)
-
-
 def _vectors(rows: Any, names: str | tuple[str, ...]) -> Float64:
     return np.column_stack([np.asarray(rows[name], np.float64) for name in names])
 
 
 def _increments(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:
-    t = _sampled_us(rows)
+    t = sampled_us(rows)
     angle, velocity = (
         _vectors(rows, tuple(f"delta_{what}[{k}]" for k in _AXES)) for what in ("angle", "velocity")
     )

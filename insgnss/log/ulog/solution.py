@@ -12,8 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.log.android.fixes import OWN_SOLUTION
-from insgnss.log.boot_time import BootClock, dated, utc_us_to_gps_ns
+from insgnss.constants import NS_PER_US
+from insgnss.gpstime import unix_to_gps_ns
+from insgnss.log.boot_time import BootClock, dated
+from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 FIXES: Final = ("vehicle_gps_position", "sensor_gps")
@@ -50,10 +52,10 @@ def _filtered(data: Data, clock: BootClock) -> tuple[ReferenceTable | None, list
     rows = data[GLOBAL, 0]
     if not {"lat", "lon", "alt", "timestamp"} <= set(rows):
         return None, [Event(None, "ulog_damaged", f"{GLOBAL} without its columns")]
-    t_ns = clock.gps_ns(_times(rows))
+    t_ns = clock.gps_ns(sampled_us(rows))
     place = np.column_stack([np.asarray(rows[name], np.float64) for name in ("lat", "lon", "alt")])
     place[:, 2] += _above_ellipsoid(data, rows)
-    kept = _distinct(t_ns, np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0))
+    kept = distinct_rows(t_ns, np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0))
     if len(kept) < 2:
         return None, []
     velocity = _beside(data.get(("vehicle_local_position", 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
@@ -63,17 +65,9 @@ def _filtered(data: Data, clock: BootClock) -> tuple[ReferenceTable | None, list
     sigma = np.full((len(kept), 9), np.nan)
     for name, columns in (("eph", (0, 1)), ("epv", (2,))):
         if name in rows:
-            sigma[:, columns] = _positive(rows[name])[kept, None]
-    lat, lon, h = place[kept].T
-    quality = np.full(len(kept), OWN_SOLUTION)
-    table = ReferenceTable(t_ns[kept], lat, lon, h, velocity, _euler_deg(attitude), quality, sigma)
-    return table, [
-        Event(
-            None,
-            "reference_own",
-            f"the reference is PX4's own solution ({', '.join(SOLUTION)}): not independent truth",
-        )
-    ]
+            sigma[:, columns] = stated_sigmas(np.asarray(rows[name], np.float64))[kept, None]
+    table = own_reference(t_ns[kept], place[kept], sigma, velocity=velocity, attitude=_euler_deg(attitude))
+    return table, [not_independent(f"PX4's own solution ({', '.join(SOLUTION)})")]
 
 
 def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
@@ -92,8 +86,8 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
     good &= np.abs(place[:, 0]) <= 90.0
     utc_us = np.asarray(rows["time_utc_usec"]).astype(np.int64)
     t_ns = np.zeros(len(utc_us), np.int64)
-    t_ns[good] = utc_us_to_gps_ns(utc_us[good])
-    kept = _distinct(t_ns, good)
+    t_ns[good] = unix_to_gps_ns(utc_us[good] * NS_PER_US)
+    kept = distinct_rows(t_ns, good)
     if len(kept) < 2:
         return None, [Event(None, "ulog_no_fix", f"{name}: no two fixes with a date")]
     speeds = ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
@@ -105,40 +99,17 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
     sigma = np.full((len(kept), 9), np.nan)
     for key, columns in (("eph", (0, 1)), ("epv", (2,)), ("s_variance_m_s", (3, 4, 5))):
         if key in rows:
-            sigma[:, columns] = _positive(rows[key])[kept, None]
-    lat, lon, h = place[kept].T
-    table = ReferenceTable(
-        t_ns[kept],
-        lat,
-        lon,
-        h,
-        velocity,
-        np.full((len(kept), 3), np.nan),
-        np.full(len(kept), OWN_SOLUTION),
-        sigma,
-    )
-    return table, [
-        Event(None, "reference_own", f"the reference is {name}, the receiver's fixes: not independent truth")
-    ]
+            sigma[:, columns] = stated_sigmas(np.asarray(rows[key], np.float64))[kept, None]
+    table = own_reference(t_ns[kept], place[kept], sigma, velocity=velocity)
+    return table, [not_independent(f"{name}, the receiver's fixes")]
 
 
-def _times(rows: Any) -> Int64:
+def sampled_us(rows: Any) -> Int64:
+    """Return when each row was sampled [us of the autopilot's clock]."""
     name = (
         "timestamp_sample" if "timestamp_sample" in rows and np.any(rows["timestamp_sample"]) else "timestamp"
     )
     return np.asarray(rows[name]).astype(np.int64)
-
-
-def _positive(values: Any) -> Float64:
-    sigma = np.asarray(values, np.float64)
-    return np.asarray(np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < 1e6), sigma, np.nan))
-
-
-def _distinct(t_ns: Int64, good: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Int64:
-    """Return the good rows in the order of time, of those with the same time the first."""
-    rows = np.flatnonzero(good)
-    _, first = np.unique(t_ns[rows], return_index=True)
-    return rows[first]
 
 
 def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
@@ -164,7 +135,7 @@ def _beside(rows: Any | None, names: tuple[str, ...], clock: BootClock, at_ns: I
     """Return another topic's columns at the positions' times, those nearest in time, NaN where none is near."""
     if rows is None or not set(names) <= set(rows) or not len(rows["timestamp"]):
         return np.full((len(at_ns), len(names)), np.nan)
-    t_ns = clock.gps_ns(_times(rows))
+    t_ns = clock.gps_ns(sampled_us(rows))
     order = np.argsort(t_ns, kind="stable")
     t_ns = t_ns[order]
     after = np.minimum(np.searchsorted(t_ns, at_ns), len(t_ns) - 1)

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from insgnss.geodesy.directions import directions
 from insgnss.report.charts import Chart, ChartRows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
@@ -76,8 +77,7 @@ def dilution_of_directions(time_s: Float64, az_deg: Float64, el_deg: Float64) ->
     time_s, az_deg, el_deg : (n,) a row for each satellite used, in any order
     """
     epochs, epoch = np.unique(time_s, return_inverse=True)
-    az, el = np.radians(az_deg), np.radians(el_deg)
-    h = np.column_stack([-np.cos(el) * np.cos(az), -np.cos(el) * np.sin(az), np.sin(el), np.ones(len(az))])
+    h = np.column_stack([-directions(az_deg, el_deg), np.ones(len(az_deg))])
     normal = np.empty((len(epochs), 4, 4))
     for i in range(4):
         for j in range(4):

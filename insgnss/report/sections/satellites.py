@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from pandas.api.types import union_categoricals
 
@@ -14,7 +13,7 @@ from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
 from insgnss.runs.result import Run
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _COLUMNS: Final = 1500  # of the picture's time
 STATE_COLOURS: Final = {
@@ -116,7 +115,7 @@ def timeline_chart(table: pd.DataFrame, name: str, title: str, caption: str = ""
 
 
 def _state_trace(
-    here: npt.NDArray[np.bool_],
+    here: Bool,
     place: Int64,
     columns: tuple[Int64, float, float],
     state: str,

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.errors import ResultError
 from insgnss.report.charts import Chart, ChartRows, band_trace, colour_of, line_trace
@@ -16,7 +15,7 @@ from insgnss.report.run_time import gps_week
 from insgnss.report.sections.motion import SIGMA_GROUPS, opening_range
 from insgnss.runs.reference_errors import errors_against, trajectory_of
 from insgnss.runs.result import Run
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 _CAPTION: Final = (
     "Filter minus smoother. The band is three times the root of what smoothing took off the variance: a consistent"
@@ -56,7 +55,7 @@ def _chart(
     time_s: Float64,
     values: list[Float64],
     taken: list[Float64],
-    settled: npt.NDArray[np.bool_],
+    settled: Bool,
 ) -> Chart:
     rows = ChartRows([label(column).axis() for column in columns])
     for row, column in enumerate(columns):

@@ -23,7 +23,7 @@ import pandas as pd
 from insgnss.filter.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.runs.integrity.faults import Fault
-from insgnss.tables import Event, Float64, Int64
+from insgnss.tables import Event, Float64, Int64, stretches_of
 
 AXES: Final = ("n", "e", "d")
 _LEFT_OUT: Final = 2.0  # of a measurement, as a normalised innovation squared
@@ -102,9 +102,8 @@ def alert_events(separations: Separations) -> list[Event]:
     ratio = separations.ratio()
     of_rows = ratio.max(axis=1, initial=0.0)  # (k, n)
     alert = (of_rows > 1.0).any(axis=0)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], alert, [False]]).astype(np.int8)))
     rows_of: dict[int, list[Int64]] = {}
-    for first, end in ends.reshape(-1, 2):
+    for first, end in stretches_of(alert):
         candidates = np.flatnonzero((of_rows[:, first:end] > 1.0).any(axis=1))
         suspect = separations.suspect(candidates, int(first), int(end) - 1)
         rows_of.setdefault(suspect, []).append(np.arange(first, end))

@@ -27,13 +27,12 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.integrity import Integrity
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.observation_rows import N_BANDS, GnssRows, satellite_name
 from insgnss.status import SWITCHED_OFF, USED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 MOST_UNMONITORED: Final = (
     0.5  # of the risk: more costs the levels more than sub-filters without two constellations
@@ -96,7 +95,7 @@ def fault_model(blocks: Sequence[GnssRows], config: Integrity) -> FaultModel:
     return FaultModel(faults, epoch_ns, unmonitored)
 
 
-def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int64, npt.NDArray[np.bool_]]:
+def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int64, Bool]:
     """Return the numbers of a log's usable satellites (s,), and whether each counts as in view at each epoch (s, m)."""
     counts = [np.diff(rows.first) for rows in blocks]
     epoch = np.repeat(np.arange(len(epoch_ns)), np.concatenate([np.zeros(0, np.int64), *counts]))
@@ -135,5 +134,5 @@ def _numbers(rows: GnssRows) -> Int64:
     return np.asarray(rows.observation["slot"], np.int64) // N_BANDS
 
 
-def _usable(rows: GnssRows) -> npt.NDArray[np.bool_]:
+def _usable(rows: GnssRows) -> Bool:
     return np.asarray((rows.observation["status"] == USED).any(axis=1))

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from insgnss.errors import ResultError
-from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure
-from insgnss.results.saving import saving
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure
 from insgnss.runs.margin.study import FlownMargin
 
 if TYPE_CHECKING:
@@ -37,15 +35,7 @@ def picture(study: FlownMargin, path: str | Path) -> Path:
     ------
     ResultError : the file cannot be written
     """
-    path = Path(path)
-    try:
-        with saving(path.parent, (path.name,), "picture") as new:
-            flown_figure(study).savefig(new / path.name, dpi=120)
-    except OSError as error:
-        raise ResultError(
-            f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"
-        ) from error
-    return path
+    return save_figure(flown_figure(study), path)
 
 
 def flown_figure(study: FlownMargin) -> Figure:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.interference import Emitter, InterferenceConfig, LoopReceiver
@@ -27,7 +26,7 @@ from insgnss.interference.spectra import (
     signal_name,
 )
 from insgnss.runs.result import Run
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _LEAST_POWER: Final = 0.5  # of a signal that a front end has to pass
 
@@ -130,7 +129,7 @@ class LoopThreshold(NamedTuple):
 
     drift: Float64  # S of the Wiener drift of the same threshold, one-sided [rad^2/s^3]
     inverse_cn0: Float64  # 1/q [1/Hz]
-    order: npt.NDArray[np.int64]
+    order: Int64
 
 
 def unaided_and_aided(

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.antenna.equipment import installation
@@ -32,16 +31,16 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.config.flight import MountedAntenna
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.strict import load_toml
-from insgnss.errors import ConfigError, ResultError
+from insgnss.errors import ConfigError
+from insgnss.geodesy.directions import angle_columns, directions
 from insgnss.interference.margin import db, ratio
-from insgnss.results.saving import saving
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import table_files, write_table
+from insgnss.results.table_files import save_study
 from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
 from insgnss.runs.margin.path import FlownPath, aiding_sigma, flown_path
 from insgnss.runs.result import Run
-from insgnss.tables import Float64
+from insgnss.tables import Float64, stretches_of
 
 TABLES: Final = ("satellites", "emitters", "events")
 LOOPS: Final = ("unaided", "aided")
@@ -63,16 +62,8 @@ class FlownMargin(ResultDisplay):
         ------
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
-        folder = Path(folder)
-        try:
-            with saving(folder, table_files(f"margin_{name}" for name in TABLES), "margin study") as new:
-                for name in TABLES:
-                    write_table(new, f"margin_{name}", getattr(self, name), format, float_format="%.10g")
-        except OSError as error:
-            raise ResultError(
-                f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"
-            ) from error
-        return folder
+        tables = {f"margin_{name}": getattr(self, name) for name in TABLES}
+        return save_study(folder, tables, format, "margin study")
 
     def summary(self) -> pd.DataFrame:
         """Return, per satellite, the largest J/S, the least reserves and the share of the time that each loop locks."""
@@ -211,8 +202,7 @@ def _along_sight(motion: Float64, rows: pd.DataFrame) -> Float64:
 
 def _directions(rows: pd.DataFrame) -> Float64:
     """Return unit lines of sight (n, 3), north-east-down."""
-    az, el = np.radians(rows["az_deg"].to_numpy(np.float64)), np.radians(rows["el_deg"].to_numpy(np.float64))
-    return np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+    return directions(rows["az_deg"].to_numpy(np.float64), rows["el_deg"].to_numpy(np.float64))
 
 
 def _emitter_table(path: FlownPath, found: Link, config: InterferenceConfig) -> pd.DataFrame:
@@ -223,10 +213,7 @@ def _emitter_table(path: FlownPath, found: Link, config: InterferenceConfig) -> 
         "emitter": pd.Categorical(np.tile(np.array(names, dtype=object), n)),
         "distance_m": found.distance_m.ravel(),
     }
-    for prefix, u in (("", found.u_n), ("body_", found.u_b)):
-        x, y, z = u.reshape(-1, 3).T
-        columns[f"{prefix}az_deg"] = np.degrees(np.arctan2(y, x)) % 360.0
-        columns[f"{prefix}el_deg"] = np.degrees(np.arcsin(np.clip(-z, -1.0, 1.0)))
+    columns |= angle_columns(found.u_n.reshape(-1, 3)) | angle_columns(found.u_b.reshape(-1, 3), "body_")
     columns["gain_dbic"] = found.gain_dbic.ravel()
     columns["received_dbw"] = found.received_dbw.ravel()
     columns["in_sight"] = found.in_sight.ravel() > 0.0
@@ -239,19 +226,13 @@ def _spells(table: pd.DataFrame) -> list[tuple[float, str, str]]:
     for sv, rows in table.groupby("sv", observed=True):
         time = rows["time_s"].to_numpy()
         for loop in LOOPS:
-            for begin, end in _runs(~rows[f"lock_{loop}"].to_numpy()):
+            for begin, end in stretches_of(~rows[f"lock_{loop}"].to_numpy()):
                 least = rows[f"reserve_{loop}_db"].to_numpy()[begin:end].min()
                 told = (
                     f"{sv}: {time[end - 1] - time[begin]:.1f} s, {-least:.1f} dB below the threshold at worst"
                 )
                 events.append((float(time[begin]), f"lock_lost_{loop}", told))
     return events
-
-
-def _runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return begin and end of each stretch of true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _never_in_sight(path: FlownPath, found: Link, config: InterferenceConfig) -> list[tuple[float, str, str]]:

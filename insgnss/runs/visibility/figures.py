@@ -14,9 +14,7 @@ import numpy as np
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
-from insgnss.errors import ResultError
-from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure
-from insgnss.results.saving import saving
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure
 from insgnss.runs.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
@@ -39,18 +37,9 @@ def save_figures(study: VisibilityStudy, folder: str | Path) -> list[Path]:
         "timeline": timeline_figure,
         "dop": dop_figure,
     }
-    paths = []
-    for name, draw in pictures.items():
-        path = Path(folder) / f"visibility_{name}.png"
-        try:
-            with saving(path.parent, (path.name,), "picture") as new:
-                draw(study).savefig(new / path.name, dpi=120)
-        except OSError as error:
-            raise ResultError(
-                f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"
-            ) from error
-        paths.append(path)
-    return paths
+    return [
+        save_figure(draw(study), Path(folder) / f"visibility_{name}.png") for name, draw in pictures.items()
+    ]
 
 
 def sky_figure(study: VisibilityStudy) -> Figure:

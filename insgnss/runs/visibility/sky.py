@@ -10,6 +10,7 @@ import pandas as pd
 import pymap3d
 
 from insgnss.errors import NavigationDataError
+from insgnss.geodesy.directions import unit_vectors
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
@@ -27,10 +28,7 @@ class SatelliteDirections:
 
     def directions(self) -> Float64:
         """Return unit lines of sight (n, s, 3), north-east-down."""
-        level = np.cos(self.elevation)
-        return np.stack(
-            [level * np.cos(self.azimuth), level * np.sin(self.azimuth), -np.sin(self.elevation)], axis=-1
-        )
+        return unit_vectors(self.azimuth, self.elevation)
 
 
 def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> SatelliteDirections:

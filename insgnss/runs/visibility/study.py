@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.antenna.equipment import limits_of
@@ -23,20 +22,18 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all, new_looks
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.errors import ResultError
+from insgnss.geodesy.directions import angle_columns
+from insgnss.gnss.dilution import DOPS
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.results.saving import saving
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import table_files, write_table
-from insgnss.runs.result_tables import event_table
+from insgnss.results.table_files import save_study, words
+from insgnss.runs.result_tables import event_table, status_words
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
-from insgnss.tables import Event, Float64, Int8, Int64
+from insgnss.tables import Bool, Event, Float64, Int8, Int64, stretches_of
 
-Bool = npt.NDArray[np.bool_]
 TABLES: Final = ("satellites", "dop", "events")
-DOPS: Final = ("gdop", "pdop", "hdop", "vdop", "tdop")
 _SINGULAR_GDOP: Final = 1e6  # beyond it the geometry has no solution, only rounding
 _FEWEST: Final = 4  # satellites of one clock that fix a position
 
@@ -58,18 +55,8 @@ class VisibilityStudy(ResultDisplay):
         ------
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
-        folder = Path(folder)
-        try:
-            with saving(
-                folder, table_files(f"visibility_{name}" for name in TABLES), "visibility study"
-            ) as new:
-                for name in TABLES:
-                    write_table(new, f"visibility_{name}", getattr(self, name), format, float_format="%.10g")
-        except OSError as error:
-            raise ResultError(
-                f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"
-            ) from error
-        return folder
+        tables = {f"visibility_{name}": getattr(self, name) for name in TABLES}
+        return save_study(folder, tables, format, "visibility study")
 
 
 def visibility(
@@ -140,27 +127,17 @@ def _satellite_table(
     u_b = np.einsum("nji,nsj->nsi", attitude.C_nb, u_n)
     known = np.isfinite(names.sky.elevation)
     at, sv = np.nonzero(known)
-    x, y, z = u_b[known].T
-    codes = sorted(NAMES)
-    place = np.zeros(max(codes) + 1, np.int8)
-    place[codes] = np.arange(len(codes))
     columns: dict[str, Any] = {
         "time_s": ns_to_week_seconds(names.t_ns[at], names.week),
-        "sv": pd.Categorical.from_codes(sv, categories=pd.Index(list(names.sky.sv_names), dtype="str")),
+        "sv": words(sv, names.sky.sv_names),
         "az_deg": np.degrees(names.sky.azimuth[known]) % 360.0,
         "el_deg": np.degrees(names.sky.elevation[known]),
-        "body_az_deg": np.degrees(np.arctan2(y, x)) % 360.0,
-        "body_el_deg": np.degrees(np.arctan2(-z, np.hypot(x, y))),
+        **angle_columns(u_b[known], "body_"),
         "gain_dbic": gain[known, 0],
         "sd_gain_db": gain[known, 1],
         "cn0_dbhz": settings.nominal_cn0_dbhz + gain[known, 0],
-        "decision": pd.Categorical.from_codes(
-            decision[known], categories=pd.Index(list(DECISIONS), dtype="str")
-        ),
-        "reason": pd.Categorical.from_codes(
-            place[reason[known]],
-            categories=pd.Index(["none" if c == USED else NAMES[c] for c in codes], dtype="str"),
-        ),
+        "decision": words(decision[known], DECISIONS),
+        "reason": status_words(reason[known], {**NAMES, USED: "none"}),
         "antenna": antenna[known].astype(np.int64),
     }
     return pd.DataFrame(columns)
@@ -253,6 +230,4 @@ def _blind_spells(t_ns: Int64, above: Bool, seen: Bool) -> list[Event]:
 
 def _spells(t_ns: Int64, is_so: Bool) -> list[tuple[int, int]]:
     """Return first and last time of each run of True."""
-    padded = np.concatenate([[False], is_so, [False]]).astype(np.int8)
-    begin, end = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
-    return [(int(t_ns[a]), int(t_ns[b])) for a, b in zip(begin, end, strict=True)]
+    return [(int(t_ns[a]), int(t_ns[b - 1])) for a, b in stretches_of(is_so)]

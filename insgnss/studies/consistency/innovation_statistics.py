@@ -21,10 +21,11 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import optimize, stats
 
+from insgnss.geodesy.directions import directions
 from insgnss.runs.result import Run
 from insgnss.studies.consistency.epoch_residuals import fitted
 from insgnss.studies.consistency.error_statistics import LEAST_ROWS
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 GATE_KEYS: Final = {
     "pseudorange": "pseudorange_sigma",
@@ -81,7 +82,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
 
 def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Return the rows of a kind as ``epoch_residuals`` wants them."""
-    az, el = np.radians(rows["az_deg"]), np.radians(rows["el_deg"])
+    north, east, down = directions(rows["az_deg"], rows["el_deg"]).T
     letter = rows["sv"].str[0]
     return pd.DataFrame(
         {
@@ -89,9 +90,9 @@ def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
             "clock": letter + rows["signal"] if kind == "pseudorange" else "one drift",
             "innovation": rows["innovation"],
             "r": rows["sd_innovation"] ** 2 * (1.0 - rows["share"]),
-            "u_n": np.cos(el) * np.cos(az),
-            "u_e": np.cos(el) * np.sin(az),
-            "u_d": -np.sin(el),
+            "u_n": north,
+            "u_e": east,
+            "u_d": down,
         }
     )
 
@@ -237,7 +238,7 @@ class Whiteness(NamedTuple):
 
     correlation: Float64  # (k,) at lag 1 .. k, about zero mean
     bound: Float64  # (k,) of each
-    pairs: npt.NDArray[np.int64]  # (k,)
+    pairs: Int64  # (k,)
     q: float
     p_value: float
     correlation_time_s: float  # of an exponential through lag one, 0 where there is no correlation

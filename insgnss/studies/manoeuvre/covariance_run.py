@@ -38,7 +38,7 @@ from insgnss.filter.update.scalar_update import predicted_variance, scalar_updat
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.simulation.sky_law import SkyLaw
 from insgnss.studies.scenario_equipment import filter_of, installation_of, sky_of, visibility_of
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Bool, Float64, Int8
 from insgnss.units import deg_per_h_to_radps, deg_to_rad, mg_to_mps2
 
 OutageCause = Literal["switch", "bank"]
@@ -60,7 +60,7 @@ class Update(NamedTuple):
     time_s: float
     angles: Float64  # (n, 2) azimuth, elevation [rad]
     body_elevation: Float64  # [rad]
-    is_hidden: npt.NDArray[np.bool_]
+    is_hidden: Bool
     waits: bool  # the visibility stage, for the heading
     D: Float64  # (n, 2) range [m^2], range rate [m^2/s^2]
 
@@ -159,13 +159,13 @@ class CovarianceRun:
             m.sum_gyro_q, m.sum_accel_q = par.gyro_density * dt, par.accel_density * dt
             predict_covariance(m, self.bank.P[0], par, self.scratch)
 
-    def _switched_off(self, t_s: float) -> npt.NDArray[np.bool_]:
+    def _switched_off(self, t_s: float) -> Bool:
         """Return which satellites the scenario's switch has off."""
         outage = self.scenario.outage
         off = outage.from_s <= t_s < outage.until_s
         return np.asarray(off & np.isin(self.scenario.sv_names, outage.sv))
 
-    def _hidden_by_stage(self, u_n: Float64, C_nb: Float64) -> tuple[npt.NDArray[np.bool_], bool]:
+    def _hidden_by_stage(self, u_n: Float64, C_nb: Float64) -> tuple[Bool, bool]:
         """Return which satellites the visibility stage hides, and whether it waits for the heading."""
         P_b = np.empty((3, 3))
         attitude_covariance(self.bank.P[0], PSI, self.sky.C_ne.T @ C_nb, P_b)

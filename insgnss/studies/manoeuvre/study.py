@@ -27,11 +27,12 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.filter.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
-from insgnss.gnss.least_squares import RANGE, Bool, FitRows, FitWorkspace, free_clocks
+from insgnss.gnss.least_squares import RANGE, FitRows, FitWorkspace, free_clocks
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.manoeuvre import pictures
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, Update
 from insgnss.studies.result_files import write_study
+from insgnss.tables import Bool
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure

@@ -32,7 +32,7 @@ from insgnss.simulation.sky_law import SkyLaw
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import sky_of
-from insgnss.tables import Float64, ImuTable, ReferenceTable
+from insgnss.tables import Float64, ImuTable, ReferenceTable, stretches_of
 from insgnss.units import deg_to_rad
 
 # of no meaning: the scenario begins with the week, so that seconds of the week are its own
@@ -197,8 +197,7 @@ def true_spells(scenario: ScenarioConfig, sky: SkyLaw, trajectory: Trajectory) -
     hidden = body_elevation(sky, trajectory, t_s) < deg_to_rad(scenario.antenna.body_mask_deg)
     spells = []
     for i, sv in enumerate(scenario.sv_names):
-        edges = np.flatnonzero(np.diff(hidden[:, i].astype(np.int8), prepend=0, append=0))
-        for first, last in edges.reshape(-1, 2):
+        for first, last in stretches_of(hidden[:, i]):
             # rounded, so that a tag at the border lies on one side of it wherever it is looked at
             ends = (round(float(t_s[k]), MOMENT_DECIMALS) for k in (first, min(last, len(t_s) - 1)))
             spells.append(Spell(sv, *ends))

@@ -24,7 +24,6 @@ from __future__ import annotations
 from typing import Any, Final, get_args
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
@@ -41,11 +40,10 @@ from insgnss.antenna.visibility import (
 )
 from insgnss.config.filter import Visibility
 from insgnss.config.scenario import ScenarioConfig
+from insgnss.geodesy.directions import directions
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.studies.scenario_equipment import installation_of, visibility_of
-from insgnss.tables import Float64, Int8
-
-Bool = npt.NDArray[np.bool_]
+from insgnss.tables import Bool, Float64, Int8
 
 HEADINGS_DEG: Final = np.arange(0.0, 360.0, 15.0)
 BANKS_DEG: Final = np.arange(-75.0, 76.0, 15.0)
@@ -165,9 +163,5 @@ def _attitude(bank: float, heading: float) -> Float64:
 def _directions(scenario: ScenarioConfig) -> Float64:
     """Return the unit lines of sight (s, 3), north-east-down, half-way through the outage."""
     share = 0.5 * (scenario.outage.from_s + scenario.outage.until_s) / scenario.duration_s
-
-    def at(angles: tuple[float, float]) -> float:
-        return float(np.radians(angles[0] + share * (angles[1] - angles[0])))
-
-    az, el = np.array([(at(s.azimuth_deg), at(s.elevation_deg)) for s in scenario.satellites]).T
-    return np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
+    begin, end = np.moveaxis(np.array([(s.azimuth_deg, s.elevation_deg) for s in scenario.satellites]), -1, 0)
+    return directions(*(begin + share * (end - begin)).T)

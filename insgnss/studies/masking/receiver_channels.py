@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.scenario import FalseLockModel, ScenarioConfig
 from insgnss.config.search import Search
@@ -27,7 +26,7 @@ from insgnss.simulation.faults import false_lock, outage
 from insgnss.simulation.observations import Fault
 from insgnss.studies.masking.banked_flight import Spell
 from insgnss.studies.result_files import MOMENT_DECIMALS
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int8
 
 SEARCHED: Final = "searched"  # nothing was found until the satellite was back
 How = Literal["captured", "released", "searched", "supervised", "never"]
@@ -194,7 +193,7 @@ def supervised_channels(
     return found
 
 
-def presence_of(spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str]) -> npt.NDArray[np.int8]:
+def presence_of(spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str]) -> Int8:
     """Return (n, m) 1 where the satellite's signal truly reaches the antenna, 0 where not."""
     present = np.ones((len(t_s), len(sv_names)), np.int8)
     for spell in spells:

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pymap3d
 
 from insgnss.runs.reference_errors import errors_against
 from insgnss.studies.outage.replays import OutageLog
 from insgnss.studies.result_files import MOMENT_DECIMALS
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 _POSITION: Final = ("n_m", "e_m", "d_m")
 _VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
@@ -122,7 +121,7 @@ def back_after(after: pd.DataFrame, until_s: float) -> tuple[float, float]:
     return _stays(time_s, whole <= _BACK * own), _stays(time_s, drift <= own)
 
 
-def _stays(time_s: Float64, holds: npt.NDArray[np.bool_]) -> float:
+def _stays(time_s: Float64, holds: Bool) -> float:
     """Return the first time from which a condition holds to the last, NaN where it does not hold there."""
     fails = np.flatnonzero(~holds)
     first = int(fails[-1]) + 1 if len(fails) else 0

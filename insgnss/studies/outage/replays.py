@@ -30,7 +30,7 @@ from insgnss.filter.whole_log import output_times
 from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
+from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.further_antennas import require_common_epochs
 from insgnss.runs.gnss_rows import row_corrections
 from insgnss.runs.result_tables import nav_table
@@ -42,7 +42,6 @@ from insgnss.studies.outage.windows import (
     switch_off,
     switched_off,
     window_ns,
-    without,
 )
 from insgnss.tables import Event, Float64, GnssTable, Int64
 
@@ -227,19 +226,3 @@ def branches(
     """Return the branch of each checkpoint; the kernels leave Python's lock free, so threads share the work."""
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         return list(pool.map(lambda kept: branch(log, kept, removal, after_s), checkpoints))
-
-
-def flight_without(flight: Flight, window: OutageWindow, removal: Removal) -> Flight:
-    """Return a flight whose GNSS log lacks whole satellites in a window: what a branch must agree with."""
-    logs = flight.read()
-    week_ns = int(week_seconds_to_ns(flight.config.gps_week, 0.0))
-    from_ns, until_ns = window_ns(window, week_ns)
-    kept = without(logs.gnss, removal.rows_of(logs.gnss), from_ns, until_ns)
-    further, _ = further_without(logs.further, logs.gnss, removal, from_ns, until_ns)
-    return FlightInMemory(
-        flight.path,
-        flight.config,
-        flight.imu_grade,
-        flight.oscillator,
-        replace(logs, gnss=logs.gnss.take(kept), further=tuple(further)),
-    )

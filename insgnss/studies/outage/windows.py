@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.constants import NS_PER_S
@@ -17,7 +16,7 @@ from insgnss.filter.antennas.phase_log import PhaseLog, new_ledger
 from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import SWITCHED_OFF, USED
-from insgnss.tables import GnssTable
+from insgnss.tables import Bool, GnssTable, stretches_of
 
 KIND_NUMBERS: Final = {"pseudorange": PSEUDORANGE, "range_rate": RANGE_RATE, "carrier_difference": CARRIER}
 KINDS: Final = (*KIND_NUMBERS, ATTITUDE_DIFFERENCE)
@@ -48,7 +47,7 @@ class Removal:
             advice = f"give one of {', '.join(KINDS)}"
             raise ConfigError(f"unknown kind of measurement {unknown[0]!r}", key="kinds", advice=advice)
 
-    def rows_of(self, gnss: GnssTable) -> npt.NDArray[np.bool_]:
+    def rows_of(self, gnss: GnssTable) -> Bool:
         """Return which rows of a log are of the named satellites.
 
         Raises
@@ -64,7 +63,7 @@ class Removal:
                 )
         return self.chosen(gnss.sv_names)[gnss.sv]
 
-    def chosen(self, sv_names: Sequence[str]) -> npt.NDArray[np.bool_]:
+    def chosen(self, sv_names: Sequence[str]) -> Bool:
         """Return which of some satellites are taken away."""
         return np.array(
             [
@@ -83,14 +82,6 @@ class Removal:
 
 
 ALL_MEASUREMENTS: Final = Removal()
-
-
-def without(
-    gnss: GnssTable, chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
-) -> npt.NDArray[np.intp]:
-    """Return the indices of a log's rows that an outage leaves; ``chosen`` (n,) are those it can take."""
-    within = (gnss.t_ns >= from_ns) & (gnss.t_ns < until_ns)
-    return np.flatnonzero(~(chosen & within))
 
 
 def further_without(
@@ -125,9 +116,7 @@ def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -
     return PhaseLog(changed, new_ledger(changed)), int(np.count_nonzero(off & (phases.antenna > 0)))
 
 
-def switch_off(
-    rows: GnssRows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
-) -> None:
+def switch_off(rows: GnssRows, kinds: Sequence[str], chosen: Bool, from_ns: int, until_ns: int) -> None:
     """Mark, in place, some kinds of the ``chosen`` rows (n,) within an outage as not to be used."""
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
     off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
@@ -190,9 +179,8 @@ def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[OutageWindow]:
     ConfigError : it never is
     """
     t_s, beyond = nav["time_s"].to_numpy(), (nav["roll_deg"].abs() > bank_deg).to_numpy()
-    edges = np.flatnonzero(np.diff(beyond.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     step = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
-    found = [OutageWindow(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in edges]
+    found = [OutageWindow(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in stretches_of(beyond)]
     if not found:
         raise ConfigError(
             f"the bank is never beyond {bank_deg:g} deg",

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from insgnss.antenna.obstruction import directions
 from insgnss.errors import ConfigError
+from insgnss.geodesy.directions import directions
 from insgnss.interference.discriminators import ENGINEERING_RATIO, discriminator
 from insgnss.interference.linear_threshold import phase_threshold
 from insgnss.interference.margin import PhaseLoop

@@ -20,7 +20,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, VisibilityLimits, look_at_all, new_looks
@@ -30,7 +29,7 @@ from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
 from insgnss.studies.receiver.loop import FilterRoom
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Bool, Float64, Int8
 
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
 
@@ -60,7 +59,7 @@ class AttitudeMask:
         self._masking = masking
         self._decision: Int8 = np.full((2, count), UNDECIDED, np.int8)
 
-    def hidden(self, f: FilterRoom, u_e: Float64) -> npt.NDArray[np.bool_]:
+    def hidden(self, f: FilterRoom, u_e: Float64) -> Bool:
         """Return which channels' satellites are hidden at the filter's attitude, (m,).
 
         Parameters

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS
@@ -19,7 +18,7 @@ from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import SignalScale, search_window
 from insgnss.studies.receiver.loop import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.studies.receiver.masking import AttitudeMask, ReceiverMasking
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 from insgnss.tracking.vector_loop import ChannelConstants
 
 
@@ -79,7 +78,7 @@ class Searches:
                 row = self._search(c, float(cn0_dbhz[c]), t_s, f, room, off[c])
                 self.rows.append(row)
                 self.tracked_s[c], self.lost_s[c] = row.tracked_s, np.inf
-        searching: npt.NDArray[np.bool_] = self.tracked_s > t_s
+        searching: Bool = self.tracked_s > t_s
         return np.where(searching, NO_SIGNAL, level)
 
     def _search(

@@ -7,19 +7,18 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
 from insgnss.studies.receiver.runs import ReceiverRun, Setting
 from insgnss.studies.receiver.scene import StudyScene
 from insgnss.studies.receiver.search import SearchRow
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 _SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
 
 
-def _after(setting: Setting) -> npt.NDArray[np.bool_]:
+def _after(setting: Setting) -> Bool:
     """Return which records count."""
     steps = setting.record_every * np.arange((len(setting.truth.t_s) - 1) // setting.record_every + 1)
     return np.asarray(steps >= setting.settle)

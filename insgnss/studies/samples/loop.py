@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.aiding.table import AidingTable
 from insgnss.config.sample_receiver import SampleReceiver
@@ -37,7 +36,7 @@ from insgnss.studies.samples.search import (
     seeded_span,
     unseeded_span,
 )
-from insgnss.tables import GnssTable, ImuTable
+from insgnss.tables import Bool, GnssTable, ImuTable
 from insgnss.tracking.channel_kernel import RATE
 from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.codes import GPS_BIT_S, RangingCode
@@ -50,7 +49,6 @@ _JUDGED_S: Final = 1.0  # over which lock and C/N0 are estimated
 _CN0_MEMORY: Final = 0.8  # share of an estimate that stays at the next one
 _CN0_SPAN_DBHZ: Final = (20.0, 55.0)
 _LATE_S: Final = 0.05  # samples beyond an interval that its integrations may need
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -252,7 +250,7 @@ class SampleLoop:
             self._sigma_of[key] = loop_sigmas(self._design, 0.5 * key)
         return self._sigma_of[key]
 
-    def _search(self, buffer: RecordingBuffer, sample: int, wanted: Bools) -> None:
+    def _search(self, buffer: RecordingBuffer, sample: int, wanted: Bool) -> None:
         """Search for satellites in the samples before ``sample`` and open the channels of those that are found."""
         s, e = self.equipment.settings, self.equipment
         first = sample - round(s.looks * s.look_s * s.rate_hz)

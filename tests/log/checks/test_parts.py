@@ -95,9 +95,7 @@ def test_gap_of_the_imu_costs_what_the_motion_of_the_log_may_have_done() -> None
 def clock(clock_m: Float64, drift_mps: Float64) -> str:
     t_s = np.arange(len(clock_m)).astype(float)
     zeros = np.zeros((len(t_s), 3))
-    track = GnssTrack(
-        t_s.astype(np.int64), t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s)
-    )
+    track = GnssTrack(t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s))
     return "\n".join(finding.line() for finding in clock_findings(track))
 
 

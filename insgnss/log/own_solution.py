@@ -1,0 +1,51 @@
+"""The solution of a receiver, a phone or an autopilot: a reference, but no independent truth."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
+
+OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
+_LARGEST_SIGMA: Final = 1e6
+
+
+def distinct_rows(t_ns: Int64, good: Bool) -> Int64:
+    """Return the good rows in the order of time, of those with the same time the first."""
+    rows = np.flatnonzero(good)
+    _, first = np.unique(t_ns[rows], return_index=True)
+    return rows[first]
+
+
+def stated_sigmas(sigma: Float64) -> Float64:
+    """Return sigmas with NaN in place of those that state nothing."""
+    return np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < _LARGEST_SIGMA), sigma, np.nan)
+
+
+def own_reference(
+    t_ns: Int64,
+    place: Float64,
+    sigma: Float64,
+    *,
+    velocity: Float64 | None = None,
+    attitude: Float64 | None = None,
+) -> ReferenceTable:
+    """Return a solution's rows (n,) as a reference of quality ``OWN_SOLUTION``.
+
+    Parameters
+    ----------
+    place : (n, 3) latitude, longitude [deg], height [m]
+    sigma : (n, 9) as in ``ReferenceTable``
+    velocity, attitude : (n, 3) north, east, down [m/s] and roll, pitch, yaw [deg]; NaN when None
+    """
+    unknown, quality = np.full(place.shape, np.nan), np.full(len(place), OWN_SOLUTION)
+    v_n, rpy_deg = (unknown if values is None else values for values in (velocity, attitude))
+    lat_deg, lon_deg, h_m = place.T
+    return ReferenceTable(t_ns, lat_deg, lon_deg, h_m, v_n, rpy_deg, quality, sigma)
+
+
+def not_independent(what: str) -> Event:
+    """Return the event that says what a reference of this kind is."""
+    return Event(None, "reference_own", f"the reference is {what}: not independent truth")
