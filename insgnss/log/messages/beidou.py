@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
@@ -13,9 +12,8 @@ from insgnss.log.messages.broadcast import (
     ELEMENTS,
     TIME_AGREES_NS,
     Broadcast,
-    Ephemeris,
+    Stated,
     in_nearest_week,
-    nearest_in_week,
 )
 from insgnss.log.messages.gps_lnav import KLOBUCHAR, ura_m
 
@@ -81,17 +79,7 @@ def take(
         broadcast.refused[f"{message} message whose week contradicts the receiver time"] += 1
         return
     to_gps = BDT_WEEK_OFFSET * NS_PER_WEEK + BDT_TO_GPS_NS
-    broadcast.ephemerides.setdefault(
-        Ephemeris(
-            sv,
-            message,
-            nearest_in_week(values["toe_sow_s"], sent_ns) + to_gps,
-            nearest_in_week(values["toc"], sent_ns) + to_gps,
-            (values["tgd1"], values["tgd2"]),
-            values["health"],
-            ura_m(int(values["ura"])),  # the index means what it does for GPS (5.2.4.5)
-            values["aode"],
-            math.nan,
-            tuple(values[name] for name in ELEMENTS),
-        )
-    )
+    accuracy_m = ura_m(int(values["ura"]))  # the index means what it does for GPS (5.2.4.5)
+    stated = Stated((values["tgd1"], values["tgd2"]), values["health"], accuracy_m, values["aode"])
+    elements = tuple(values[name] for name in ELEMENTS)
+    broadcast.keep(sv, message, stated, elements, values["toc"], sent_ns + to_gps)

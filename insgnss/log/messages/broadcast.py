@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import fields
 from typing import Final, NamedTuple
@@ -9,10 +10,21 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
+from insgnss.gpstime import BDT_TO_GPS_NS
 from insgnss.tables import EphemerisTable, Float64, NavigationData, StateVectorTable
 
 # A message's own time and the receiver's time nearest to it in the log differ by less; else one has the wrong week
 TIME_AGREES_NS: Final = S_PER_DAY * NS_PER_S
+
+
+class Stated(NamedTuple):
+    """What a Keplerian message states besides the motion and the clock; fields of ``EphemerisTable``."""
+
+    group_delay_s: tuple[float, float]
+    health: float
+    accuracy_m: float
+    issue: float
+    fit_interval_s: float = math.nan
 
 
 class Ephemeris(NamedTuple):
@@ -61,6 +73,20 @@ class Broadcast:
         self.ionosphere: dict[str, tuple[float, ...]] = {}
         self.leap_seconds: int | None = None
         self.refused: Counter[str] = Counter()
+
+    def keep(
+        self, sv: str, message: str, stated: Stated, elements: tuple[float, ...], toc_s: float, near_ns: int
+    ) -> None:
+        """Keep a Keplerian message, once.
+
+        Parameters
+        ----------
+        elements : in the order of ELEMENTS; reference time and ``toc_s`` are seconds of the week, BeiDou's of its own
+        near_ns : GPS time within half a week of both
+        """
+        shift_ns = BDT_TO_GPS_NS if sv[0] == "C" else 0
+        toe_ns, toc_ns = (nearest_in_week(s, near_ns - shift_ns) + shift_ns for s in (elements[0], toc_s))
+        self.ephemerides.setdefault(Ephemeris(sv, message, toe_ns, toc_ns, *stated, elements))
 
     def ionosphere_of(self, system: str, coefficients: tuple[float, ...]) -> None:
         """Keep a system's coefficients, the first that are not all zero (zero means "not available")."""

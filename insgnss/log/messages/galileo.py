@@ -12,9 +12,8 @@ from insgnss.log.messages.broadcast import (
     ELEMENTS,
     TIME_AGREES_NS,
     Broadcast,
-    Ephemeris,
+    Stated,
     in_nearest_week,
-    nearest_in_week,
 )
 
 WEEK_ROLLOVER: Final = 4096
@@ -72,16 +71,6 @@ def take(
         if abs(sent_ns - near_ns) > TIME_AGREES_NS:
             broadcast.refused[f"{message} message whose week contradicts the receiver time"] += 1
             return
-    ephemeris = Ephemeris(
-        sv,
-        message,
-        nearest_in_week(values["toe_sow_s"], sent_ns),
-        nearest_in_week(values["toc"], sent_ns),
-        delays_s,
-        float(health),
-        sisa_m(int(values["sisa"])),
-        values["iod"],
-        math.nan,
-        tuple(values[name] for name in ELEMENTS),
-    )
-    broadcast.ephemerides.setdefault(ephemeris)
+    stated = Stated(delays_s, float(health), sisa_m(int(values["sisa"])), values["iod"])
+    elements = tuple(values[name] for name in ELEMENTS)
+    broadcast.keep(sv, message, stated, elements, values["toc"], sent_ns)

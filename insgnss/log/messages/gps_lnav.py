@@ -14,9 +14,8 @@ from insgnss.log.messages.broadcast import (
     ELEMENTS,
     TIME_AGREES_NS,
     Broadcast,
-    Ephemeris,
+    Stated,
     in_nearest_week,
-    nearest_in_week,
 )
 
 LENGTH: Final = 240
@@ -126,7 +125,8 @@ class LnavMessages:
         if abs(sent_ns - near_ns) > TIME_AGREES_NS:
             self._broadcast.refused["LNAV message whose week contradicts the receiver time"] += 1
             return
-        self._broadcast.ephemerides.setdefault(_ephemeris(sv, values, sent_ns))
+        elements = tuple(values[name] for name in ELEMENTS)
+        self._broadcast.keep(sv, "LNAV", _stated(sv, values), elements, values["toc"], sent_ns)
 
     def _ionosphere(self, system: str, body: int) -> None:
         values = unpack(body, LENGTH, _UTC)
@@ -138,23 +138,13 @@ class LnavMessages:
             self._broadcast.leap_seconds = int(values["leap"])
 
 
-def _ephemeris(sv: str, values: dict[str, float], sent_ns: int) -> Ephemeris:
+def _stated(sv: str, values: dict[str, float]) -> Stated:
     iodc = int(values["iodc_high"]) << 8 | int(values["iodc_low"])
     tgd = values["tgd"]
     if sv[0] == "J" and twos_complement(round(tgd / power(-31)) & 0xFF, 8) == -128:
         tgd = 0.0  # "not available" (IS-QZSS-PNT-005, 4.1.2.3)
-    return Ephemeris(
-        sv,
-        "LNAV",
-        nearest_in_week(values["toe_sow_s"], sent_ns),
-        nearest_in_week(values["toc"], sent_ns),
-        (tgd, 0.0),
-        values["health"],
-        ura_m(int(values["ura"])),
-        values["iode"],
-        fit_interval_s(sv[0], int(values["fit"]), iodc),
-        tuple(values[name] for name in ELEMENTS),
-    )
+    fit_s = fit_interval_s(sv[0], int(values["fit"]), iodc)
+    return Stated((tgd, 0.0), values["health"], ura_m(int(values["ura"])), values["iode"], fit_s)
 
 
 def ura_m(index: int) -> float:

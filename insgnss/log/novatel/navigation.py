@@ -15,10 +15,10 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
-from insgnss.gpstime import BDT_TO_GPS_NS, LATEST_WEEK
+from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import records
 from insgnss.log.messages.beidou import beidou_message
-from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
+from insgnss.log.messages.broadcast import Broadcast, Stated, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
 from insgnss.log.novatel.frames import NovatelFrames
@@ -157,10 +157,10 @@ def _take(
     kind: str,
     row: Any,
     near_ns: int,
-    stated: tuple[tuple[float, float], float, float, float, float],
+    stated: Stated,
     named: dict[str, float],
 ) -> None:
-    """Keep a message; ``stated`` are delays, health, accuracy, issue, fit interval, ``named`` the rest."""
+    """Keep a message; ``named`` are the numbers that the row has under other names."""
     values = [named[name] if name in named else float(row[name]) for name in _ELEMENTS]
     toc = named.get("toc", float(row["toc"]) if "toc" in row.dtype.names else math.nan)
     if not sv or near_ns < 0 or not all(map(math.isfinite, (*values, toc, *stated[0]))):
@@ -168,9 +168,7 @@ def _take(
             "ephemeris of an unknown satellite, without a time or with an invalid number; refused"
         ] += 1
         return
-    shift = BDT_TO_GPS_NS if sv[0] == "C" else 0
-    toe_ns, toc_ns = (nearest_in_week(s % 604_800, near_ns - shift) + shift for s in (values[0], toc))
-    found.ephemerides.setdefault(Ephemeris(sv, kind, toe_ns, toc_ns, *stated, tuple(values)))
+    found.keep(sv, kind, stated, tuple(values), toc, near_ns)
 
 
 def _gps(found: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) -> None:
@@ -181,12 +179,8 @@ def _gps(found: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) ->
         return
     sqrt_a, accuracy = math.sqrt(max(float(row["a"]), 0.0)), math.sqrt(max(float(row["variance"]), 0.0))
     health, issue = float(row["health"]), float(row["iode"])
-    stated = (
-        (float(row["tgd"]), 0.0),
-        health,
-        accuracy if math.isfinite(accuracy) else math.nan,
-        issue,
-        math.nan,
+    stated = Stated(
+        (float(row["tgd"]), 0.0), health, accuracy if math.isfinite(accuracy) else math.nan, issue
     )
     _take(found, sv, "LNAV", row, near_ns, stated, {"sqrt_a": sqrt_a})
 
@@ -195,7 +189,7 @@ def _galileo_both(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, in
     health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
     health |= int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
     delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
-    stated = (delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]), math.nan)
+    stated = Stated(delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
     for kind in ("inav", "fnav"):
         if row[f"has_{kind}"]:
             clock = {name: float(row[f"{kind}_{name}"]) for name in ("af0", "af1", "af2", "toc")}
@@ -205,19 +199,13 @@ def _galileo_both(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, in
 def _inav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
     delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
-    stated = (delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]), math.nan)
+    stated = Stated(delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
     _take(found, satellite_name("E", int(row["prn"])), "INAV", row, near_ns, stated, {})
 
 
 def _fnav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     health = int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
-    stated = (
-        (float(row["bgd_e5a"]), 0.0),
-        float(health),
-        sisa_m(int(row["sisa"])),
-        float(row["iod"]),
-        math.nan,
-    )
+    stated = Stated((float(row["bgd_e5a"]), 0.0), float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
     _take(found, satellite_name("E", int(row["prn"])), "FNAV", row, near_ns, stated, {})
 
 
@@ -225,7 +213,7 @@ def _beidou(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -
     sv = satellite_name("C", int(row["prn"]))
     delays = (float(row["tgd1"]), float(row["tgd2"]))
     accuracy = float(row["ura"]) if math.isfinite(row["ura"]) else math.nan
-    stated = (delays, float(int(row["health"]) & 1), accuracy, float(row["aode"]), math.nan)
+    stated = Stated(delays, float(int(row["health"]) & 1), accuracy, float(row["aode"]))
     _take(found, sv, beidou_message(sv), row, near_ns, stated, {})
 
 

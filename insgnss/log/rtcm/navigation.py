@@ -6,7 +6,6 @@ The messages hold the numbers as the satellites sent them, with the scales of ea
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -15,7 +14,7 @@ from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_TO_GPS_NS, BDT_WEEK_OFFSET
 from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.bits import angle, power
-from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
+from insgnss.log.messages.broadcast import Broadcast, Stated, StateVector
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
@@ -78,7 +77,8 @@ def _lnav(system: str) -> Callable[[Broadcast, Any, int], None]:
         fit = fit_interval_s(system, int(row.fit_interval), row.iodc)
         health, accuracy = float(row.sv_health), ura_m(row.sv_accuracy if system == "G" else row.ura)
         delay = 0.0 if system == "J" and row.t_gd == -128 else row.t_gd * power(-31)  # "not available"
-        _add(found, sv, "LNAV", row, _GPS, near_ns, ((delay, 0.0), health, accuracy, float(row.iode), fit))
+        stated = Stated((delay, 0.0), health, accuracy, float(row.iode), fit)
+        found.keep(sv, "LNAV", stated, _elements(row, _GPS), row.t_oc * _GPS[0], near_ns)
 
     return take
 
@@ -98,8 +98,9 @@ def _galileo(found: Broadcast, message: Any, near_ns: int) -> None:
         health = _flags(row.e5a_data_validity, row.e5a_signal_health, 3)
     delays = (row.bgd_e5a_e1 * power(-32), row.bgd_e5b_e1 * power(-32) if inav else 0.0)
     accuracy = sisa_m(row.sisa_index if inav else row.sisa)
-    stated = (delays, float(health), accuracy, float(row.iod_nav), math.nan)
-    _add(found, sv, "INAV" if inav else "FNAV", row, _GALILEO, near_ns, stated)
+    stated = Stated(delays, float(health), accuracy, float(row.iod_nav))
+    kind = "INAV" if inav else "FNAV"
+    found.keep(sv, kind, stated, _elements(row, _GALILEO), row.t_oc * _GALILEO[0], near_ns)
 
 
 def _flags(invalid: bool, health: int, place: int) -> int:
@@ -113,25 +114,8 @@ def _beidou(found: Broadcast, message: Any, near_ns: int) -> None:
     if not _is_near(found, sv, sent_ns, near_ns, 8192, message):
         return
     delays = (row.t_gd1 * 1e-10, row.t_gd2 * 1e-10)
-    stated = (delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode), math.nan)
-    _add(found, sv, beidou_message(sv), row, _BEIDOU, near_ns, stated, BDT_TO_GPS_NS)
-
-
-def _add(
-    found: Broadcast,
-    sv: str,
-    kind: str,
-    row: Any,
-    scales: tuple[float, tuple[int, int, int], int, int],
-    near_ns: int,
-    stated: tuple[tuple[float, float], float, float, float, float],
-    shift_ns: int = 0,
-) -> None:
-    """Keep a message; ``stated`` are group delays, health, accuracy, issue and fit interval."""
-    toe_ns, toc_ns = (
-        nearest_in_week(raw * scales[0], near_ns - shift_ns) + shift_ns for raw in (row.t_oe, row.t_oc)
-    )
-    found.ephemerides.setdefault(Ephemeris(sv, kind, toe_ns, toc_ns, *stated, _elements(row, scales)))
+    stated = Stated(delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode))
+    found.keep(sv, beidou_message(sv), stated, _elements(row, _BEIDOU), row.t_oc * _BEIDOU[0], near_ns)
 
 
 def _name(system: str, number: int) -> str:

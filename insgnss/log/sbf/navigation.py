@@ -8,20 +8,19 @@ GPS, QZSS and BeiDou (22 and 24 bits, all kept as well).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
 from insgnss.constants import M_PER_KM
-from insgnss.gpstime import BDT_TO_GPS_NS
 from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.broadcast import (
     ELEMENTS,
     Broadcast,
-    Ephemeris,
+    Stated,
     StateVector,
     in_nearest_week,
-    nearest_in_week,
 )
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import ura_m
@@ -72,17 +71,17 @@ def broadcast(data: bytes, blocks: Blocks) -> Broadcast:
     return found
 
 
-def _take(found: Broadcast, row: Any, system: str, ephemeris: Any) -> None:
+def _take(found: Broadcast, row: Any, system: str, content: Callable[[str, Any], tuple[str, Stated]]) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
     received_ns = _received_ns(row)
     if not sv.startswith(system) or received_ns is None:
         found.refused["SBF message of an unknown satellite or without a time"] += 1
         return
-    message = ephemeris(sv, row, received_ns)
-    if not all(map(math.isfinite, message.elements)):
+    elements = _elements(row)
+    if not all(map(math.isfinite, elements)):
         found.refused["SBF message with an invalid number"] += 1
         return
-    found.ephemerides.setdefault(message)
+    found.keep(sv, *content(sv, row), elements, float(row["toc_s"]), received_ns)
 
 
 def _received_ns(row: Any) -> int | None:
@@ -98,35 +97,20 @@ def _delay(value: float) -> float:
     return 0.0 if not math.isfinite(value) or value <= FLOAT_MISSING else float(value)
 
 
-def _lnav(sv: str, row: Any, received_ns: int) -> Ephemeris:
-    return Ephemeris(
-        sv,
-        "LNAV",
-        nearest_in_week(float(row["toe_s"]), received_ns),
-        nearest_in_week(float(row["toc_s"]), received_ns),
-        (_delay(row["tgd"]), 0.0),
-        float(row["health"]),
-        ura_m(int(row["ura"]) & 0x0F),
-        float(row["iode"]),
-        _FIT_S[0] if sv[0] == "G" and not row["fit"] else _FIT_S[1] if sv[0] == "G" else math.nan,
-        _elements(row),
-    )
+def _lnav(sv: str, row: Any) -> tuple[str, Stated]:
+    health, accuracy_m = float(row["health"]), ura_m(int(row["ura"]) & 0x0F)
+    fit_s = math.nan if sv[0] != "G" else _FIT_S[1] if row["fit"] else _FIT_S[0]
+    return "LNAV", Stated((_delay(row["tgd"]), 0.0), health, accuracy_m, float(row["iode"]), fit_s)
 
 
-def _galileo(sv: str, row: Any, received_ns: int) -> Ephemeris:
+def _galileo(_: str, row: Any) -> tuple[str, Stated]:
     fnav = int(row["source"]) == _FNAV
-    return Ephemeris(
-        sv,
-        "FNAV" if fnav else "INAV",
-        nearest_in_week(float(row["toe_s"]), received_ns),
-        nearest_in_week(float(row["toc_s"]), received_ns),
-        (_delay(row["bgd_e5a"]), _delay(row["bgd_e5b"])),
-        float(_galileo_health(int(row["health"]))),
+    delays = (_delay(row["bgd_e5a"]), _delay(row["bgd_e5b"]))
+    health, accuracy_m = (
+        _galileo_health(int(row["health"])),
         sisa_m(int(row["sisa_e5a" if fnav else "sisa_e5b"])),
-        float(row["iod"]),
-        math.nan,
-        _elements(row),
     )
+    return "FNAV" if fnav else "INAV", Stated(delays, float(health), accuracy_m, float(row["iod"]))
 
 
 def _galileo_health(flags: int) -> int:
@@ -138,20 +122,9 @@ def _galileo_health(flags: int) -> int:
     return health
 
 
-def _beidou(sv: str, row: Any, received_ns: int) -> Ephemeris:
-    near_bdt_ns = received_ns - BDT_TO_GPS_NS
-    return Ephemeris(
-        sv,
-        beidou_message(sv),
-        nearest_in_week(float(row["toe_s"]), near_bdt_ns) + BDT_TO_GPS_NS,
-        nearest_in_week(float(row["toc_s"]), near_bdt_ns) + BDT_TO_GPS_NS,
-        (_delay(row["tgd1"]), _delay(row["tgd2"])),
-        float(row["health"]),
-        ura_m(int(row["ura"]) & 0x0F),
-        float(row["aode"]),
-        math.nan,
-        _elements(row),
-    )
+def _beidou(sv: str, row: Any) -> tuple[str, Stated]:
+    delays, accuracy_m = (_delay(row["tgd1"]), _delay(row["tgd2"])), ura_m(int(row["ura"]) & 0x0F)
+    return beidou_message(sv), Stated(delays, float(row["health"]), accuracy_m, float(row["aode"]))
 
 
 def _glonass(found: Broadcast, row: Any) -> None:
