@@ -90,9 +90,8 @@ format: $(STAMP)  ## sort the imports, repair what ruff can, format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(STAMP)  ## run the benchmarks
-	$(BIN)/python -m pytest tests --benchmark-only \
-	    -o addopts="--import-mode=importlib --strict-markers --strict-config" $(ARGS)
+bench: $(STAMP)  ## run the benchmarks, add their medians to tests/benchmarks/history.csv (ARGS='-k loop' for a part)
+	$(BIN)/python -m tests.benchmarks.history $(ARGS)
 
 clean:  ## remove .venv, results and caches
 	rm -rf .venv .venv.lock out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
