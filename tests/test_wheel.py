@@ -121,7 +121,15 @@ def test_wheel_declares_what_the_project_declares(packages: tuple[Path, Path]) -
 def test_source_archive_holds_what_builds_tests_and_documents_the_package(in_archive: set[str]) -> None:
     for name in ("insgnss", "models", "tests", "docs", "notebooks", "data"):
         assert {f"{name}/{file}" for file in files_below(name)} - in_archive == set()
-    named = {"CHANGELOG.md", "CITATION.cff", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
+    named = {
+        ".github/SECURITY.md",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "LICENSE",
+        "Makefile",
+        "README.md",
+        "pyproject.toml",
+    }
     assert named <= in_archive
 
 
