@@ -22,7 +22,10 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 HISTORY = Path(__file__).with_name("history.csv")
 MEASURED = ("insgnss", "pyproject.toml")  # a change in these makes it other code than the commit's
-PYTEST = ("--benchmark-only", "-o", "addopts=--import-mode=importlib --strict-markers --strict-config")
+PYTEST = (
+    *("--benchmark-only", "-o", "addopts=--import-mode=importlib --strict-markers --strict-config"),
+    *("-W", "ignore::pytest_benchmark.logger.PytestBenchmarkWarning"),  # that nothing was chosen
+)
 
 
 @dataclass(frozen=True)
