@@ -15,7 +15,7 @@ NOTEBOOKS ?= notebooks/*.ipynb
 # Tests start more than a hundred processes; where the environment forbids byte code, each would compile every module anew
 KEPT := PYTHONDONTWRITEBYTECODE=
 
-.PHONY: help setup demo test test-bounds test-lowest notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
+.PHONY: help setup demo test test-bounds test-lowest test-wheel coverage notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -47,6 +47,20 @@ test-bounds: $(STAMP)  ## run what computes indices with every index checked (NU
 test-lowest:  ## run the tests with the lowest declared versions (ARGS='tests/log' for a part)
 	$(or $(PYTHON),python3) tests/lowest_versions.py $(ARGS)
 
+# By hand, before a release: the suite does the same with the libraries that are there, and without compiling
+test-wheel: $(STAMP)  ## build sdist and wheel, install the wheel without extras in build/wheel, run its commands
+	$(BIN)/python -m tests.installed_wheel
+
+# The report leaves compiled kernels out; the last line counts them too, as tests/test_jit.py runs each of them as Python.
+# A test that fails does not hide the number.
+coverage: $(STAMP)  ## measure which lines the tests run (ARGS='tests/log' for a part)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -e ".[coverage]"
+	rm -rf build/coverage
+	-$(KEPT) $(BIN)/coverage run -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+	@echo "lines with those of the kernels: $$($(BIN)/coverage report --rcfile=/dev/null --data-file=build/coverage/data --format=total) %"
+
 notebooks: $(STAMP)  ## run every notebook, write them with their outputs to out/notebooks (NOTEBOOKS='notebooks/00*' to choose)
 	mkdir -p out/notebooks
 	$(BIN)/jupyter execute --timeout=120 --output=../out/notebooks/{notebook_name} $(NOTEBOOKS)
@@ -76,9 +90,8 @@ format: $(STAMP)  ## sort the imports, repair what ruff can, format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(STAMP)  ## run the benchmarks
-	$(BIN)/python -m pytest tests --benchmark-only \
-	    -o addopts="--import-mode=importlib --strict-markers --strict-config" $(ARGS)
+bench: $(STAMP)  ## run the benchmarks, add their medians to tests/benchmarks/history.csv (ARGS='-k loop' for a part)
+	$(BIN)/python -m tests.benchmarks.history $(ARGS)
 
 clean:  ## remove .venv, results and caches
 	rm -rf .venv .venv.lock out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache

@@ -107,6 +107,14 @@ def test_first_result_and_numbers_of_the_readme_are_those_of_the_sample_flight()
     )
 
 
+def test_every_issue_template_has_a_name_and_a_purpose() -> None:
+    templates = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.md"))
+    heads = [path.read_text(encoding="utf-8").split("---\n")[1] for path in templates]
+
+    assert len(templates) >= 3
+    assert [head for head in heads if not re.fullmatch(r"name: .+\nabout: .+\nlabels: \w+\n", head)] == []
+
+
 def test_every_page_has_its_place_on_the_site() -> None:
     placed = re.findall(r": (\S+\.md)$", NAVIGATION, re.MULTILINE)
 

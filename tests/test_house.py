@@ -22,7 +22,7 @@ from insgnss.version import __version__
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
-TOP_LEVEL_FOLDERS = {".ci", "data", "docs", "insgnss", "models", "notebooks", "tests"}
+TOP_LEVEL_FOLDERS = {".ci", ".github", "data", "docs", "insgnss", "models", "notebooks", "tests"}
 HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"} | {
     *("lz4", "mcap", "mcap_ros2", "novatel_edie", "pyulog", "zstandard"),
 }

@@ -351,3 +351,14 @@ def test_folder_that_is_not_there_is_said_to_be_missing(tmp_path: Path) -> None:
         Run.load(tmp_path / "frist_run")
     with pytest.raises(ResultError, match="this is a file"):
         Run.load(tmp_path / "first_run" / "nav.parquet")
+
+
+def test_run_saved_by_an_earlier_version_opens_and_keeps_the_version_that_made_it(tmp_path: Path) -> None:
+    path = small_run(1.0).save(tmp_path) / "settings.json"
+    settings = json.loads(path.read_text(encoding="utf-8")) | {"versions": {"insgnss": "0.1.0"}}
+    path.write_text(json.dumps(settings), encoding="utf-8")
+
+    run = Run.load(tmp_path)
+
+    assert run.settings["versions"] == {"insgnss": "0.1.0"}
+    assert run.nav["mark"].eq(1.0).all()
