@@ -10,12 +10,13 @@ from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
 from insgnss.filter.smoothing.between import NextEpoch, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumns, further_values
-from insgnss.filter.state import BG, OFFSETS, select_members
+from insgnss.filter.state import BG, DR, OFFSETS, select_members
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.gnss.observation_rows import N_BANDS
 from tests.kernels import KernelCase
 from tests.kernels.filter import SKY, START_NS, bank, imu, parameters, rows, short_log
@@ -48,7 +49,7 @@ def range_biases() -> list[Any]:
 
 
 def slow_errors() -> list[Any]:
-    """Return bank and lines of a log with more satellites than places for their slow errors."""
+    """Return bank and lines of a log with more satellites than places for their slow errors, and a row without any."""
     layout = layout_with(n_offsets=1)
     changed, log, par = bank(layout), rows(layout), parameters(layout)
     changed.slow.S[:, par[0].held[: par[0].n_held]] = np.cos(np.arange(par[0].n_held))
@@ -57,6 +58,8 @@ def slow_errors() -> list[Any]:
     lines = new_epoch(len(SKY), OFFSETS + 1).lines
     for epoch in range(2):
         place_range_biases(changed, par[0], log, epoch, lines)
+    n, held, at = changed.P.shape[1], par[0].held[: par[0].n_held], np.array([DR, DR + 2])
+    correct_by_row_without(changed.slow, 4, np.ones(2), at, held, 0.1 * np.cos(np.arange(n)), np.zeros(n))
     return [changed, lines]
 
 
