@@ -155,16 +155,16 @@ def test_noise_as_assumed_raises_no_level(rng: np.random.Generator, n: int) -> N
     azimuth, sine = rng.uniform(0.0, 2.0 * np.pi, n), np.linspace(0.1, 0.9, n)
     cosine = np.sqrt(1.0 - sine**2)
     G = np.column_stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), -sine, np.ones(n)])
-    L = G * [0.5, 0.5, 0.5, 20.0]
+    L = 0.5 * G
     lines["h"][:, PSEUDORANGE, :3], lines["status"][:, PSEUDORANGE] = G[:, :3], USED
     lines["predicted"][:, PSEUDORANGE] = np.sum(L**2, axis=1)
     for _ in range(10_000):
         lines["variance"][:, PSEUDORANGE] = 1.0
         lines["innovation"][:, PSEUDORANGE] = L @ rng.normal(size=4) + rng.normal(size=n)
-        raise_level(m, lines, PSEUDORANGE, 400.0, work.fit, np.zeros(n), par)
+        raise_level(m, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
         assert m.noise_factor[PSEUDORANGE] == 1.0
     lines["innovation"][:, PSEUDORANGE] = L @ rng.normal(size=4) + 20.0 * rng.normal(size=n)
-    raise_level(m, lines, PSEUDORANGE, 400.0, work.fit, np.zeros(n), par)
+    raise_level(m, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
     assert m.noise_factor[PSEUDORANGE] == pytest.approx(400.0, rel=0.9)
     assert np.all(lines["variance"][:, PSEUDORANGE] == m.noise_factor[PSEUDORANGE])
 

@@ -360,7 +360,7 @@ def crowd(noise: float) -> list[Any]:
         found += [lines["status"].copy(), np.array(again)]
         for kind in range(2):
             lines["status"][:, kind] = USED
-            raise_level(m, lines, kind, 0.01, fit, np.zeros(10), par)
+            raise_level(m, lines, kind, fit, np.zeros(10), par)
         found += [lines["variance"].copy(), m["level_risen"].copy()]
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
 

@@ -32,10 +32,8 @@ from insgnss.tables import Float64
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
 _LARGEST_STEP: Final = 9.0
-# Where a third of the rows is wrong, the median of the squares is the upper quartile of the others: 2.9 times their
-# median. Of few rows chance adds to it. For 6 to 40 normal errors the sum is exceeded less than once in 10^6 epochs
-_THIRD_WRONG: Final = 2.9
-_FEW: Final = 52.0
+_STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas ...
+_FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs
 _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _BIAS_GAIN: Final = 0.1  # per second: a crystal does not change, and one value says little
@@ -73,7 +71,6 @@ def raise_level(
     m: StateRecord,
     lines: Lines,
     kind: int,
-    clock_variance: float,
     fit: Float64,
     values: Float64,
     par: Parameters,
@@ -86,7 +83,7 @@ def raise_level(
     m.level_risen[kind] = 0.0
     if par.adapt_gain <= 0.0:
         return
-    ratio = storm_ratio(lines, kind, clock_variance, fit, values)
+    ratio = storm_ratio(lines, kind, fit, values)
     if not ratio > 1.0:
         return
     before = m.noise_factor[kind]
@@ -101,21 +98,13 @@ def raise_level(
 
 
 @kernel(inline=True)
-def storm_ratio(lines: Lines, kind: int, clock_variance: float, fit: Float64, values: Float64) -> float:
-    """Return by how much most rows of a kind are worse than assumed; 1 where chance explains it, or rows are few.
+def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float:
+    """Return by how much most rows of a kind are worse than assumed; 1 where they are not, or too few.
 
-    The median of squares, against the prediction but for the clock, and against the rows' common part. Both must be
-    beyond chance: a few satellites that are wrong do not move the first, a wrong prediction does not move the second.
-    Then the larger counts, as the median of a few rows often is far too small.
+    The median of squares, against the prediction and against the rows' common part. Both must be beyond chance: a few
+    satellites that are wrong do not move the first, a wrong prediction does not move the second. Then the larger
+    counts, as the median of a few rows often is far too small.
     """
-    n = 0
-    for j in range(lines.shape[0]):
-        if lines[j].status[kind] == USED:
-            values[n] = lines[j].innovation[kind]
-            n += 1
-    if n <= _LEAST_RESIDUALS:
-        return 1.0
-    clock = middle_of_most(values, n)
     largest = 1.0
     for turn in range(2):
         if turn == 1 and fit_freely(lines, kind, fit) == 0 and not fit_all(lines, kind, fit):
@@ -125,37 +114,21 @@ def storm_ratio(lines: Lines, kind: int, clock_variance: float, fit: Float64, va
             line: Line = lines[j]
             if line.status[kind] != USED:
                 continue
-            if turn == 0:
-                rest = line.innovation[kind] - clock
-                own = whole_variance(line, kind) - min(clock_variance, line.predicted[kind])
-            else:
-                rest = line.innovation[kind] - explained_by(line, kind, fit)
+            rest, own = line.innovation[kind], whole_variance(line, kind)
+            if turn == 1:
+                rest -= explained_by(line, kind, fit)
                 left = explained_variance(line, kind, fit)
                 own = max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
                 own += slow_variance(line, kind)
             values[n] = rest * rest / own
             n += 1
+        if n <= _LEAST_RESIDUALS:
+            return 1.0
         ratio = median_of(values, n) / _MEDIAN_SQUARE
-        if not ratio > _THIRD_WRONG + _FEW / n:
+        if not ratio > max(_STORM, 1.0 + _FEW / n):
             return 1.0
         largest = max(largest, ratio)
     return largest
-
-
-@kernel(inline=True)
-def middle_of_most(values: Float64, n: int) -> float:
-    """Return the middle of the shortest interval that holds more than half of the first ``n`` values, which it sorts.
-
-    A third of them that are wrong in the same direction move the median, but not this.         [Rousseeuw 1984]
-    """
-    median_of(values, n)  # which sorts them
-    half = n // 2
-    at = 0
-    for i in range(1, n - half):
-        if values[i + half] - values[i] < values[at + half] - values[at]:
-            at = i
-    middle: float = 0.5 * (values[at] + values[at + half])
-    return middle
 
 
 @kernel(apart=True)

@@ -48,7 +48,7 @@ def judge_rows(
         refuse_left_out(memory, lines, observation, t_ns * 1e-9)
     for kind in range(2):
         clock, least = CLOCK + kind, par.kind[kind].least_step
-        raise_level(m, lines, kind, P[clock, clock], s.fit, values, par)
+        raise_level(m, lines, kind, s.fit, values, par)
         step, variance = common_step(lines, kind, values, least, P[clock, clock])
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)
