@@ -22,7 +22,7 @@ LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it need
 UNSEEN: Final = (
     "until the fault shows, the heading is off by 0.1 deg and its sigma is 0.02: no test is faster"
 )
-PULLED: Final = "in one flight of 16 a turn leaves too few satellites to tell; three pull the filter along, and count as noise"
+PULLED: Final = "in one flight of 16 a turn leaves too few satellites to tell, and the three count as noise"
 CAUTIOUS: Final = (
     "the filter lets 5 % of a scale factor change, which at two turns a second is most of its sigma: the simulated"
     " one stays"
