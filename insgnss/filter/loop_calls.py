@@ -83,7 +83,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
         place_slow_variances: (bank, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
-        raise_level: (m, lines, ANY_N, s.fit, values, par),
+        raise_level: (m, P, lines, ANY_N, s.fit, values, par),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),
         is_prunable: (bank, ANY_N, ANY_X),
         note_sideslip: (bank.head[0], m, P, ANY_N),

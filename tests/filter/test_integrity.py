@@ -12,6 +12,7 @@ from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
 from insgnss.filter.layout import Layout
 from insgnss.filter.measurements.range_rate import COLUMNS as RATE_COLUMNS
 from insgnss.filter.output.writing import RANGES_NOISY, RATES_NOISY
+from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, Bank
 from insgnss.filter.update.adaptation import raise_level
@@ -20,6 +21,7 @@ from insgnss.filter.update.integrity import follow_explained
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
+from insgnss.tables import Float64
 from tests.filter.scene import (
     RANGE_SIGMA_M,
     RATE_SIGMA_MPS,
@@ -147,26 +149,53 @@ def test_faults_do_not_raise_the_level(rng: np.random.Generator) -> None:
     assert not np.any((told["kind"] == RANGES_NOISY) | (told["kind"] == RATES_NOISY))
 
 
-@pytest.mark.parametrize("n", [6, 11, 24])
-def test_noise_as_assumed_raises_no_level(rng: np.random.Generator, n: int) -> None:
-    """Once in 10^6 epochs it may; here there are 10^4, whose prediction shares its error among the rows."""
-    work, par = new_epoch(n, OFFSETS), parameters(**ADAPTING)[0]
-    lines, m = work.lines, new_filter(place()).state[0]
+def half_known(rng: np.random.Generator, n: int) -> tuple[EpochWorkspace, Float64, Float64]:
+    """Return n pseudoranges of noise 1, a prior of place and clock with sigma 0.5, and the rows of H."""
+    work = new_epoch(n, OFFSETS)
+    lines, unknowns = work.lines, [DR, DR + 1, DR + 2, CLOCK]
     azimuth, sine = rng.uniform(0.0, 2.0 * np.pi, n), np.linspace(0.1, 0.9, n)
     cosine = np.sqrt(1.0 - sine**2)
     G = np.column_stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), -sine, np.ones(n)])
-    L = 0.5 * G
-    lines["h"][:, PSEUDORANGE, :3], lines["status"][:, PSEUDORANGE] = G[:, :3], USED
-    lines["predicted"][:, PSEUDORANGE] = np.sum(L**2, axis=1)
+    P = np.diag(np.isin(np.arange(OFFSETS), unknowns) * 0.25)
+    lines["h"][:, PSEUDORANGE, :4], lines["columns"][:, PSEUDORANGE, :4] = G, unknowns
+    lines["count"][:, PSEUDORANGE], lines["status"][:, PSEUDORANGE] = 4, USED
+    lines["predicted"][:, PSEUDORANGE] = 0.25 * np.sum(G**2, axis=1)
+    lines["variance"][:, PSEUDORANGE] = 1.0
+    return work, P, G
+
+
+@pytest.mark.parametrize("n", [6, 11, 24])
+def test_noise_as_assumed_raises_no_level(rng: np.random.Generator, n: int) -> None:
+    """Once in 10^6 epochs it may; here there are 10^4, whose prediction shares its error among the rows."""
+    (work, P, G), par = half_known(rng, n), parameters(**ADAPTING, residual_gate2=25.0)[0]
+    lines, m = work.lines, new_filter(place()).state[0]
     for _ in range(10_000):
-        lines["variance"][:, PSEUDORANGE] = 1.0
-        lines["innovation"][:, PSEUDORANGE] = L @ rng.normal(size=4) + rng.normal(size=n)
-        raise_level(m, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
+        lines["innovation"][:, PSEUDORANGE] = G @ rng.normal(size=4) * 0.5 + rng.normal(size=n)
+        raise_level(m, P, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
         assert m.noise_factor[PSEUDORANGE] == 1.0
-    lines["innovation"][:, PSEUDORANGE] = L @ rng.normal(size=4) + 20.0 * rng.normal(size=n)
-    raise_level(m, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
+    lines["innovation"][:, PSEUDORANGE] = G @ rng.normal(size=4) * 0.5 + 20.0 * rng.normal(size=n)
+    raise_level(m, P, lines, PSEUDORANGE, work.fit, np.zeros(n), par)
     assert m.noise_factor[PSEUDORANGE] == pytest.approx(400.0, rel=0.9)
     assert np.all(lines["variance"][:, PSEUDORANGE] == m.noise_factor[PSEUDORANGE])
+
+
+@pytest.mark.parametrize(("wrong", "rises"), [(2, False), (3, False), (5, True)])
+def test_rows_that_a_third_contradicts_are_no_noise_wherever_the_clock_is(
+    rng: np.random.Generator, wrong: int, rises: bool
+) -> None:
+    """A clock two sigmas off moves all innovations, wrong rows bend what all have in common: no median sees both."""
+    (work, P, G), par = half_known(rng, 11), parameters(**ADAPTING, residual_gate2=25.0)[0]
+    P[CLOCK, CLOCK] = 25.0
+    work.lines["predicted"][:, PSEUDORANGE] += 25.0 - 0.25
+    risen = 0
+    for _ in range(200):
+        m = new_filter(place()).state[0]
+        innovation = G @ rng.normal(size=4) * 0.5 + rng.normal(size=11) + 10.0 * rng.choice([-1.0, 1.0])
+        innovation[rng.choice(11, wrong, replace=False)] += rng.uniform(20.0, 40.0, wrong)
+        work.lines["innovation"][:, PSEUDORANGE], work.lines["variance"][:, PSEUDORANGE] = innovation, 1.0
+        raise_level(m, P, work.lines, PSEUDORANGE, work.fit, np.zeros(11), par)
+        risen += m.noise_factor[PSEUDORANGE] > 1.0
+    assert (risen > 0) == rises
 
 
 def test_satellite_that_was_wrong_and_is_right_again_is_not_refused_for_it(rng: np.random.Generator) -> None:

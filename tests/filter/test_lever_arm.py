@@ -151,7 +151,7 @@ def test_start_knows_the_antenna_as_well_as_the_fix_does_however_long_the_lever_
     layout, par = Layout((BLOCK,)), numbers()[0]
     how = StartAttitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.zeros(3), None, False)
     P_r, P_v, rate = np.diag([4.0, 9.0, 1.0]), np.diag([0.1, 0.2, 0.3]), np.array([0.2, -0.1, 0.4])
-    kin = replace(kinematics(P_r, P_v), offsets=np.zeros(0))
+    kin = replace(kinematics(P_r, P_v), clocks=np.zeros(1))
     grade = imu_grade("tactical")
     bank = open_bank(kin, [how], rate, par, filter_config("tight17"), grade, T_NS, layout)
     m, P = bank.state[0], bank.P[0]

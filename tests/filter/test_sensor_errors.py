@@ -126,7 +126,7 @@ def opened(grade: ImuGrade | None = None, **changes: Any) -> tuple[Bank, Layout]
     grade = grade or imu_grade("industrial")
     layout, par = full_layout(grade), parameters([2.0, -1.5, -3.0])[0]
     how = StartAttitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, True)
-    kin = replace(kinematics(np.eye(3), np.eye(3)), offsets=np.zeros(1))
+    kin = replace(kinematics(np.eye(3), np.eye(3)), clocks=np.zeros(2))
     config = filter_config("tight17")
     bank = open_bank(kin, [replace(how, **changes)], np.zeros(3), par, config, grade, T_NS, layout)
     assert bank.head[0].now_ns == START_NS

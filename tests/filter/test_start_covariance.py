@@ -29,7 +29,7 @@ def skew(v: Float64) -> Float64:
 
 def kinematics(P_r: Float64, P_v: Float64) -> Kinematics:
     at = place()
-    return Kinematics(START_NS, at.r_e, np.zeros(3), P_r, P_v, 0.0, 0.0, 10.0, 1.0, np.zeros(0))
+    return Kinematics(START_NS, at.r_e, np.zeros(3), P_r, P_v, np.zeros(1), 0.0, 10.0, 1.0)
 
 
 def opened(kin: Kinematics, how: StartAttitude, grade: ImuGrade = TACTICAL) -> Bank:

@@ -94,11 +94,13 @@ def of_second(gnss: GnssTable) -> np.ndarray:
 
 
 def two_clocks(
-    offset_m: float | Float64, keep: np.ndarray | None = None, letter: str = "E"
+    offset_m: float | Float64,
+    keep: np.ndarray | None = None,
+    letter: str = "E",
+    stepped_m: float | Float64 = 0.0,
 ) -> FlightInMemory:
-    """Return the flight with an offset of the second constellation's clock, and only the rows to keep."""
+    """Return the flight with an offset of the second constellation's clock, steps of all, and only the rows to keep."""
     base, log = two_systems(letter)
-    gnss = replace(
-        log.gnss, pseudorange_m=log.gnss.pseudorange_m + np.where(of_second(log.gnss), offset_m, 0.0)
-    )
+    added_m = stepped_m + np.where(of_second(log.gnss), offset_m, 0.0)
+    gnss = replace(log.gnss, pseudorange_m=log.gnss.pseudorange_m + added_m)
     return flight(base, log, gnss=gnss if keep is None else gnss.take(np.flatnonzero(keep)))

@@ -64,14 +64,20 @@ def test_outage_of_gps_is_flown_through_with_galileo_alone() -> None:
     assert set(statuses(run, "G", 110.0)) == {"used"}
 
 
-def test_start_with_galileo_alone_takes_gps_in_when_it_comes() -> None:
+@pytest.mark.parametrize("step_m", [0.0, 30_000.0])
+def test_start_with_galileo_alone_takes_gps_in_when_it_comes(step_m: float) -> None:
+    """Until then the clock of GPS is unknown, also after a step of the receiver's."""
     _, log = two_systems()
     t = seconds_of(log.gnss)
-    run = replayed(two_clocks(40.0, of_second(log.gnss) | (t >= 30.0)), settings(ionosphere="none"))
+    flown = two_clocks(40.0, of_second(log.gnss) | (t >= 30.0), stepped_m=np.where(t >= 22.0, step_m, 0.0))
+    run = replayed(flown, settings(ionosphere="none"))
     assert run.nav["time_s"].iloc[0] < START_S + 15.0
     assert_honest(run, 0.0)
     assert position_error_m(after(run, 40.0)).max() < 3.0
-    assert statuses(run, "G", 35.0) == {"used": statuses(run, "G", 35.0)["used"]}
+    assert set(statuses(run, "G", 30.0)) == {"used"}
+    clock = run.nav.set_index("time_s")["sd_clock_bias_m"]
+    assert clock[: START_S + 29.0].min() > 1000.0 and clock[START_S + 31.0 :].max() < 20.0
+    assert ("clock_jump" in set(run.events["kind"])) == (step_m > 0.0)
 
 
 def test_constellations_whose_clocks_are_swapped_in_flight_are_told_and_survived() -> None:

@@ -23,8 +23,8 @@ from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
 from insgnss.filter.diagnosis.witnesses import FEW, judged
 from insgnss.filter.output.writing import Output
 from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.rows.clock_offsets import tie_offsets
 from insgnss.filter.rows.lines import Lines
-from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.filter.start.fix import Fix

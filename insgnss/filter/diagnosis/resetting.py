@@ -8,12 +8,14 @@ import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout import Layout
+from insgnss.filter.rows.clock_offsets import place_clocks
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.state import BA, BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.geodesy.rotations import cross_matrix
+from insgnss.gnss.least_squares import CLOCKS
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
 
@@ -41,21 +43,21 @@ def reset_kinematics(
     w_ib_b : (3,) the gyros' rate at the fix [rad/s]
     inter_system_sigma_m : of a clock offset that the fix does not give
     """
-    n_offsets, J = layout.n_offsets, lever_rows(layout, len(P))
+    J = lever_rows(layout, len(P))
     beyond2 = sigma_beyond_m(layout.at(RANGE_BIASES) >= 0) ** 2
     lever_b = lever_of(m, lever_b, layout)
-    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
+    states = [*range(DR, DR + 3), *range(DV, DV + 3), DRIFT]
     kept = P[DV : DV + 3, DV : DV + 3].copy()
     P[states, :] = 0.0
     P[:, states] = 0.0
-    reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
     l_e, turning = m.C_eb @ lever_b, np.cross(w_ib_b - m.b_g, lever_b)
     attitude = float(np.trace(P[PSI : PSI + 3, PSI : PSI + 3]))
     m.r_e[:] = fix.r_a - l_e
     of_lever = attitude * float(lever_b @ lever_b)
     P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (beyond2 + of_lever) * np.eye(3)
-    m.clock[0] = fix.clocks[reference]
-    P[CLOCK, CLOCK] = fix.clock_variance(reference) + beyond2
+    variances = fix.P.diagonal()[CLOCKS:]
+    variance = variances[np.argmax(np.isfinite(fix.clocks))] + beyond2
+    place_clocks(m, P, fix.clocks, variance, variances + 2.0 * variance, inter_system_sigma_m)
     if fix.v_a is not None:
         earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
         m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)
@@ -67,11 +69,6 @@ def reset_kinematics(
         P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         P[DRIFT, DRIFT] = 10.0**2
     m.clone_ns = 0
-    for i in range(OFFSETS, OFFSETS + n_offsets):
-        group = i - OFFSETS + 1
-        known = math.isfinite(fix.clocks[group]) and reference == 0
-        m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
-        P[i, i] = fix.clock_variance(group) + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
     hangs = np.eye(len(P))
     hangs[DR : DR + 3] -= m.C_eb @ J
     if fix.v_a is not None:

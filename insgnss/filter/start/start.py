@@ -13,10 +13,10 @@ from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.tied_offsets import tie_offsets
+from insgnss.filter.rows.clock_offsets import place_clocks, tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
+from insgnss.filter.state import BA, BG, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_rows
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
@@ -71,19 +71,17 @@ class Kinematics:
     v_a: Float64
     P_r: Float64  # (3, 3)
     P_v: Float64  # (3, 3)
-    clock: float
+    clocks: Float64  # (g,) NaN where not known
     drift: float
-    sd_clock: float
+    sd_clock: float  # of the first that is known
     sd_drift: float
-    offsets: Float64  # (g - 1,) NaN where not known
     of_imu: bool = False  # the sigmas are the IMU's own: no lever arm is involved
 
 
 def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConfig) -> Kinematics:
     """Return the start values of a fix and a velocity."""
     beyond = sigma_beyond_m(config.process.range_bias_states)
-    known = np.flatnonzero(np.isfinite(fix.clocks))
-    reference = int(known[0])
+    first = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
     with_drift = math.isfinite(fix.drift)
     return Kinematics(
         t_ns=fix.t_ns,
@@ -91,13 +89,10 @@ def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConf
         v_a=v_a,
         P_r=fix.P[:3, :3] + beyond**2 * np.eye(3),
         P_v=P_v,
-        clock=float(fix.clocks[reference]),
+        clocks=fix.clocks,
         drift=fix.drift if with_drift else 0.0,
-        sd_clock=math.hypot(math.sqrt(fix.clock_variance(reference)), beyond),
+        sd_clock=math.hypot(math.sqrt(fix.clock_variance(first)), beyond),
         sd_drift=math.sqrt(fix.drift_variance) if with_drift else _DRIFT_SIGMA_UNKNOWN_MPS,
-        offsets=fix.clocks[1:] - fix.clocks[reference]
-        if reference == 0
-        else np.full(len(fix.clocks) - 1, math.nan),
     )
 
 
@@ -206,7 +201,9 @@ def open_bank(
     for i, attitude in enumerate(attitudes):
         m, P = bank.state[i], bank.P[i]
         _place_state(m, kin, attitude, C_ne, w_ib_b, par)
-        _place_variances(P, kin, C_ne @ m.C_eb, sensor, config)
+        _place_variances(P, kin, C_ne @ m.C_eb, sensor)
+        apart = np.full(len(kin.clocks), (2.0 * kin.sd_clock) ** 2)
+        place_clocks(m, P, kin.clocks, kin.sd_clock**2, apart, config.process.inter_system_sigma_m)
         _place_further(P, layout)
         _share_out_gyro_errors(m, P, attitude, layout)
         _place_attitude_covariance(m, P, attitude, C_ne, layout)
@@ -237,8 +234,7 @@ def _place_state(
     normal_gravity_ecef(m.r_e, g_e)
     m.f_smooth[:] = -g_e  # no motion before
     m.f_last[:], m.w_last[:] = C_eb.T @ -g_e, w_ib_b - attitude.b_g
-    m.clock[:] = (kin.clock, kin.drift)
-    m.optional[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
+    m.clock[1] = kin.drift
     m.log_weight = math.log(attitude.weight)
 
 
@@ -249,21 +245,13 @@ def _place_further(P: Float64, layout: Layout) -> None:
             P[layout.at(block.name) + i, layout.at(block.name) + i] = block.variance
 
 
-def _place_variances(
-    P: Float64, kin: Kinematics, C_nb: Float64, sensor: SensorModel, config: FilterConfig
-) -> None:
+def _place_variances(P: Float64, kin: Kinematics, C_nb: Float64, sensor: SensorModel) -> None:
     """Write the variance of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
     P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(C_nb[2]))
     P[BG : BG + 3, BG : BG + 3] = sensor.gyro_bias.sigma**2 * np.eye(3)
-    P[CLOCK, CLOCK] = kin.sd_clock**2
     P[DRIFT, DRIFT] = kin.sd_drift**2
-    for i, offset in enumerate(kin.offsets):
-        known = math.isfinite(offset)
-        P[OFFSETS + i, OFFSETS + i] = (
-            2.0 * kin.sd_clock if known else config.process.inter_system_sigma_m
-        ) ** 2
 
 
 def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, layout: Layout) -> None:
@@ -354,20 +342,16 @@ def given_kinematics(
     C_eb = C_ne.T @ C_nb
     l_e = C_eb @ par.lever_b
     turning = C_eb @ np.cross(w_ib_b, par.lever_b) - WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
-    known = np.flatnonzero(np.isfinite(clocks))
-    clock = float(clocks[known[0]]) if len(known) else 0.0
-    from_reference = len(known) > 0 and known[0] == 0
     return Kinematics(
         t_ns=t_ns,
         r_a=r_e + l_e,
         v_a=C_ne.T @ np.array(start.v_ned_mps) + turning,
         P_r=start.sd_position_m**2 * np.eye(3),
         P_v=start.sd_velocity_mps**2 * np.eye(3),
-        clock=clock,
+        clocks=clocks,
         drift=drift,
         sd_clock=2.0 * start.sd_position_m + 30.0,
         sd_drift=2.0 * start.sd_velocity_mps + 3.0,
-        offsets=clocks[1:] - clock if from_reference else np.full(len(clocks) - 1, math.nan),
         of_imu=True,
     )
 

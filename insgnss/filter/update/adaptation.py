@@ -13,7 +13,7 @@ from typing import Final
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, LEVEL_EPOCHS, StateRecord
-from insgnss.filter.update.consistency import LEAST_REDUNDANCY
+from insgnss.filter.update.consistency import LEAST_REDUNDANCY, few_are_wrong
 from insgnss.filter.update.gating import slow_variance, whole_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
@@ -69,6 +69,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
 @kernel(apart=True)
 def raise_level(
     m: StateRecord,
+    P: Float64,
     lines: Lines,
     kind: int,
     fit: Float64,
@@ -79,12 +80,14 @@ def raise_level(
 
     A gate at the old level would refuse the loudest rows, and what is left would count as quiet as before. What was
     learnt until now says nothing about the new level: learning starts again with this epoch.
+
+    Where the epoch agrees with the old level but for a third of its rows at most, those are wrong: no noise has risen.
     """
     m.level_risen[kind] = 0.0
     if par.adapt_gain <= 0.0:
         return
     ratio = storm_ratio(lines, kind, fit, values)
-    if not ratio > 1.0:
+    if not ratio > 1.0 or (par.residual_gate2 > 0.0 and few_are_wrong(P, lines, kind, par.residual_gate2)):
         return
     before = m.noise_factor[kind]
     m.noise_factor[kind] = bounded(before * ratio, par)

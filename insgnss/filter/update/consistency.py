@@ -60,35 +60,62 @@ def refuse_inconsistent(P: Float64, lines: Lines, kind: int, gate2: float) -> in
     finite, no row can be judged and none is marked.
     """
     index = np.empty(lines.shape[0], np.int64)
+    n = used_rows(lines, kind, index)
+    active = np.ones(n, np.int64)
+    removed, _ = leave_contradicted(P, lines, kind, index[:n], active, gate2)
+    for a in range(n):
+        if active[a] == 0:
+            lines[index[a]].status[kind] = INCONSISTENT
+    return removed
+
+
+@kernel
+def few_are_wrong(P: Float64, lines: Lines, kind: int, gate2: float) -> bool:
+    """Return whether the used rows of a kind, but for a third of them at most, agree with each other and the prior."""
+    index = np.empty(lines.shape[0], np.int64)
+    n = used_rows(lines, kind, index)
+    return bool(leave_contradicted(P, lines, kind, index[:n], np.ones(n, np.int64), gate2)[1])
+
+
+@kernel(inline=True)
+def used_rows(lines: Lines, kind: int, index: Int64) -> int:
+    """Write the indices of the used rows of a kind; return how many there are."""
     n = 0
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
             index[n] = j
             n += 1
+    return n
+
+
+@kernel
+def leave_contradicted(
+    P: Float64, lines: Lines, kind: int, index: Int64, active: Int64, gate2: float
+) -> tuple[int, bool]:
+    """Clear ``active`` where a row of ``index`` is contradicted; return how many, and whether the others agree then."""
+    n = index.shape[0]
     if n < LEAST_WITNESSES:
-        return 0
+        return 0, False
     T = np.empty((n, n + 1))
-    write_innovations(T, P, lines, kind, index[:n])
-    active = np.ones(n, np.int64)
+    write_innovations(T, P, lines, kind, index)
     for j in range(n):
         if not exchange(T, j):
-            return 0
+            return 0, False
     most, removed = n // 3, 0
     while removed < most and farthest(T, active, 1)[1] > gate2:
         size = remove_smallest_set(T, active, gate2, most - removed)
         if size == 0:
-            return 0
+            active[:] = 1
+            return 0, False
         removed += size
+    agree = farthest(T, active, 1)[1] <= gate2
     for _ in range(removed):
         nearest, distance2 = farthest(T, active, 0)
         if nearest == _NONE or distance2 > gate2 or not exchange(T, nearest):
             break
         active[nearest] = 1
         removed -= 1
-    for a in range(n):
-        if active[a] == 0:
-            lines[index[a]].status[kind] = INCONSISTENT
-    return removed
+    return removed, agree
 
 
 @kernel(inline=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.state import CLOCK, OFFSETS
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE
@@ -72,23 +73,46 @@ def common_step(
     return step, 4.0 * spread / (agree * agree) + STEP_FLOOR[kind] ** 2
 
 
+@kernel(inline=True)
+def shown_clock(lines: Lines, kind: int) -> int:
+    """Return the group whose clock the used rows show: the reference, or where it has no row the first one's."""
+    first = 0
+    for j in range(lines.shape[0]):
+        if kind == PSEUDORANGE and lines[j].status[kind] == USED:
+            if lines[j].group == 0:
+                return 0
+            first = first if first > 0 else lines[j].group
+    return first
+
+
+@kernel(inline=True)
+def shown_clock_variance(P: Float64, kind: int, group: int) -> float:
+    """Return the variance of what the rows of a group see as their clock: c + o, of rates the drift."""
+    clock, offset = CLOCK + kind, OFFSETS + group - 1
+    more = 2.0 * P[clock, offset] + P[offset, offset] if group > 0 else 0.0
+    return float(P[clock, clock] + more)
+
+
 @kernel
 def absorb_clock_step(
-    clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
+    clock: Float64, P: Float64, lines: Lines, kind: int, group: int, step: float, variance: float
 ) -> None:
-    """Add a clock step to the state, drop that clock state's correlations, and correct the epoch's innovations."""
+    """Add a clock step to the state, drop that clock state's correlations, and correct the epoch's innovations.
+
+    Equation: of a group with the offset o its clock s = c + o has stepped: c = s - o, s alike nothing else
+    """
     clock[kind] += step
-    n = P.shape[0]
-    old = P[column, column]
+    n, column, offset = P.shape[0], CLOCK + kind, OFFSETS + group - 1
+    old = shown_clock_variance(P, kind, group)
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
             lines[j].innovation[kind] -= step
             # D loses the clock's correlations; a bound that errs on the wide side is enough for this one epoch
             lines[j].predicted[kind] = max(lines[j].predicted[kind] - old, 0.0) + variance + old
     for i in range(n):
-        P[column, i] = 0.0
-        P[i, column] = 0.0
-    P[column, column] = variance
+        P[column, i] = -P[offset, i] if group > 0 else 0.0
+        P[i, column] = P[column, i]
+    P[column, column] = variance + (P[offset, offset] if group > 0 else 0.0)
 
 
 @kernel(apart=True)

@@ -6,11 +6,19 @@ from typing import NamedTuple
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import CLOCK, Bank
+from insgnss.filter.state import Bank
 from insgnss.filter.update.adaptation import raise_level
 from insgnss.filter.update.creeping import follow_satellites, refuse_left_out
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
-from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
+from insgnss.filter.update.gating import (
+    absorb_clock_step,
+    common_step,
+    count_rows,
+    gate_between,
+    gate_rows,
+    shown_clock,
+    shown_clock_variance,
+)
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, Observations
 from insgnss.kernels.jit import kernel
 from insgnss.status import CLOCK_STEPPED, USED
@@ -47,11 +55,12 @@ def judge_rows(
     if par.drift_gate > 0.0:
         refuse_left_out(memory, lines, observation, t_ns * 1e-9)
     for kind in range(2):
-        clock, least = CLOCK + kind, par.kind[kind].least_step
-        raise_level(m, lines, kind, s.fit, values, par)
-        step, variance = common_step(lines, kind, values, least, P[clock, clock])
+        group = shown_clock(lines, kind)
+        old = shown_clock_variance(P, kind, group)
+        raise_level(m, P, lines, kind, s.fit, values, par)
+        step, variance = common_step(lines, kind, values, par.kind[kind].least_step, old)
         if step != 0.0:
-            absorb_clock_step(m.clock, P, lines, kind, clock, step, variance)
+            absorb_clock_step(m.clock, P, lines, kind, group, step, variance)
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
         used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
