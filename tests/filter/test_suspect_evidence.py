@@ -17,9 +17,11 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SATELLITES,
     WIDEST,
 )
-from insgnss.filter.diagnosis.suspects import evidence, explanations, log_odds, shared
-from insgnss.filter.state import new_bank
+from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
+from insgnss.filter.layout import Layout
+from insgnss.filter.state import BA, new_bank
 from insgnss.tables import Float64
+from tests.filter.scene import new_filter, place
 
 SIGMA = 0.5  # of the grade's bias
 BANK = new_bank(1, 0)
@@ -67,9 +69,37 @@ def verdict(suspect: str, log_likelihood: float, **more: Any) -> Verdict:
 def test_likelihood_over_the_onset_is_a_mean_and_not_its_maximum() -> None:
     """A peak of a tenth of the range is worth a tenth of it."""
     onsets = [verdict(GYRO, 50.0 if k == 5 else -50.0, onset_ns=k * 1_000_000_000) for k in range(11)]
-    assert evidence(onsets) == pytest.approx(50.0 - np.log(10.0), abs=1e-9)
+    assert np.logaddexp.reduce(log_weights(onsets)) == pytest.approx(50.0 - np.log(10.0), abs=1e-9)
     flat = [verdict(GYRO, 7.0, onset_ns=k * k * 1_000_000_000) for k in range(5)]
-    assert evidence(flat) == pytest.approx(7.0)
+    assert np.logaddexp.reduce(log_weights(flat)) == pytest.approx(7.0)
+
+
+def test_filter_after_a_fault_holds_what_the_onset_leaves_open() -> None:
+    """A bias of 1 since 8 s ago, or of 3 since 4 s ago: mean and variance are those of the mixture."""
+    rng, verdicts = np.random.default_rng(8), []
+    for onset_s, value, log_likelihood in ((0, 1.0, 40.0), (4, 3.0, 41.0), (8, 5.0, 38.0), (9, 900.0, -70.0)):
+        bank = new_filter(place())
+        bank.state[0].b_a[:] = 1e-3 * value
+        A = rng.normal(size=bank.P[0].shape)
+        bank.P[0] = 1e-6 * A @ A.T
+        verdicts.append(
+            verdict(ACCELEROMETER, log_likelihood, bank=bank, axes=(2,), onset_ns=onset_s * 1_000_000_000)
+        )
+    (told,) = explanations(verdicts, 0.0)
+
+    found = over_onsets(told, Layout())
+
+    weight = np.exp(np.array([40.0, 41.0, 38.0])) * np.array([2.0, 4.0, 2.5])
+    weight /= weight.sum()
+    mean = weight @ np.array([1e-3, 3e-3, 5e-3])
+    within = sum(w * v.bank.P[0, BA, BA] for w, v in zip(weight, verdicts, strict=False))
+    between = weight @ (np.array([1e-3, 3e-3, 5e-3]) - mean) ** 2
+    assert len(found.bank.state) == 1
+    assert found.bank.state[0].b_a == pytest.approx([mean] * 3)
+    assert found.bank.P[0, BA, BA] == pytest.approx(within + between)
+    assert np.array_equal(verdicts[1].bank.state[0].b_a, [3e-3] * 3), "the verdicts stay as they were"
+    satellites = explanations([verdict(SATELLITES, 5.0, satellites=(4,))], 0.0)[0]
+    assert over_onsets(satellites, Layout()) is satellites.best
 
 
 def test_each_further_satellite_must_be_worth_a_fault_of_its_own() -> None:

@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -38,11 +39,14 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
 )
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
+from insgnss.filter.headings.heading_bank import merge_into
+from insgnss.filter.layout import Layout
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.state import Bank
+from insgnss.filter.state import Bank, joined_banks, select_members
 from insgnss.filter.update.creeping import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
+from insgnss.tables import Float64
 
 # A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
 # as they like: the lie must have been a large one
@@ -61,6 +65,7 @@ class Explanation(NamedTuple):
     suspect: str
     log_odds: float
     best: Verdict  # the likeliest, or one that fits and is nearly as likely
+    verdicts: tuple[Verdict, ...]  # over all onsets that were tried, in their order
 
 
 def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
@@ -73,7 +78,9 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
     for (suspect, satellites, axes), verdicts in of.items():
         large = suspect in _LARGE_LIES
         prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
-        ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, _best(verdicts)))
+        verdicts.sort(key=_unknown)
+        gain = prior + float(np.logaddexp.reduce(log_weights(verdicts))) - as_it_was
+        ranked.append(Explanation(suspect, gain, _best(verdicts), tuple(verdicts)))
     return sorted(ranked, key=lambda each: -each.log_odds)
 
 
@@ -83,20 +90,39 @@ def _best(verdicts: list[Verdict]) -> Verdict:
     return max((v for v in verdicts if v.log_likelihood > least), key=lambda v: (v.fits, v.log_likelihood))
 
 
-def evidence(verdicts: list[Verdict]) -> float:
-    """Return the logarithm of the mean likelihood over the onset or the tags' error, which is uniform in its range.
+def log_weights(verdicts: Sequence[Verdict]) -> Float64:
+    """Return ln w_i L_i of an onset or an error of the tags; their sum is the mean likelihood over its range.
 
-    Equation: ln sum w_i L_i, w_i the part of the range that is nearer to i than to any other that was tried
+    w_i is the part of the range that is nearer to i than to any other that was tried; ``verdicts`` are in order.
     """
-    verdicts = sorted(verdicts, key=_unknown)
     at = np.array([_unknown(verdict) for verdict in verdicts], dtype=np.float64)
     likelihood = np.array([verdict.log_likelihood for verdict in verdicts])
     if at[-1] <= at[0]:
-        return float(np.logaddexp.reduce(likelihood)) - math.log(len(at))
+        return np.asarray(likelihood - math.log(len(at)))
     edges = np.concatenate((at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]))
-    told = np.diff(edges) > 0.0
-    share = np.diff(edges)[told] / (at[-1] - at[0])
-    return float(np.logaddexp.reduce(likelihood[told] + np.log(share)))
+    with np.errstate(divide="ignore"):  # of two at the same place one has no part
+        return np.asarray(likelihood + np.log(np.diff(edges) / (at[-1] - at[0])))
+
+
+def over_onsets(explanation: Explanation, layout: Layout) -> Verdict:
+    """Return the verdict whose filter is that of all onsets together: their mean, and what they differ by as variance.
+
+    When a sensor failed is not known to some seconds, and the size of the fault depends on it.
+    """
+    best = explanation.best
+    if best.suspect not in SENSORS:
+        return best
+    bank = reduce(joined_banks, (verdict.bank for verdict in explanation.verdicts))._replace(
+        slow=best.bank.slow
+    )
+    bank.state["log_weight"] = log_weights(explanation.verdicts)
+    heavy = np.flatnonzero(bank.state["log_weight"] > bank.state["log_weight"].max() - _SURE)
+    bank = select_members(bank, heavy)
+    lead = int(bank.head[0].leader)
+    for i in range(len(heavy)):
+        if i != lead:
+            merge_into(bank, lead, i, layout)
+    return best._replace(bank=select_members(bank, np.array([lead], np.int64)))
 
 
 def _unknown(verdict: Verdict) -> float:
@@ -168,7 +194,7 @@ def judge(
     # where late GNSS tags began is seen for some seconds only
     seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
     if chosen is not None and seen and chosen.best.fits and log_odds(_with(chosen, told), told) > _SURE:
-        verdict = again.to_the_end(chosen.best)
+        verdict = again.to_the_end(over_onsets(chosen, setup.layout))
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
         return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
