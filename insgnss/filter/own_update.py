@@ -138,7 +138,7 @@ def _members(
         )
         antenna = np.zeros(1, ANTENNA_DTYPE)[0]
         place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
-        place_turning(m, P, par, antenna, 0.0)
+        place_turning(m, P, par, antenna)
         members[i] = _Member(rows, variance, antenna)
     return members, [kinds[j] for j in kept]
 

@@ -69,8 +69,7 @@ class StateRecord(Record):
     # the epoch before, as the carrier's differences need it
     r_clone: Annotated[Float64, 3]  # antenna position at its reception, ECEF [m]
     clock_clone: float  # [m]
-    l_clone: Annotated[Float64, 3]  # its lever arm, ECEF [m]
-    C_swung: Annotated[Float64, 3, 3]  # attitude at the last epoch, where the lever arm is estimated
+    C_swung: Annotated[Float64, 3, 3]  # attitude at the last epoch
     swung_ns: int  # when that was; 0: never
     # where the IMU's time is estimated: velocities, ECEF [m/s]
     v_shown: Annotated[Float64, 3]  # that counts as motion
@@ -205,7 +204,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(3):
         target.r_e[i], target.v_e[i] = source.r_e[i], source.v_e[i]
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
-        target.r_clone[i], target.l_clone[i] = source.r_clone[i], source.l_clone[i]
+        target.r_clone[i] = source.r_clone[i]
         target.f_smooth[i] = source.f_smooth[i]
         target.f_last[i], target.w_last[i] = source.f_last[i], source.w_last[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]

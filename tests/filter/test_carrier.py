@@ -8,7 +8,6 @@ import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.spatial.transform import Rotation
 
 from insgnss.constants import C_MPS
 from insgnss.filter import loop_calls
@@ -16,7 +15,6 @@ from insgnss.filter.loop import run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import (
-    BG,
     CLOCK,
     DR,
     DRIFT,
@@ -111,37 +109,6 @@ def test_carrier_row_equals_finite_differences(rng: np.random.Generator) -> None
     assert np.max(np.abs(d[:, PSI : PSI + 3])) < 3e-6 * float(np.linalg.norm(LEVER_B))
     assert np.max(np.abs(d[:, [CLOCK, OFFSETS + 3]])) < 1e-6
     assert not H[:, DV : DV + 3].any() and not H[:, DRIFT].any()
-
-
-@pytest.mark.parametrize(
-    "share", [1.0, 0.5, 0.0], ids=["shown", "half of it shown", "within the gyros' noise"]
-)
-def test_attitude_column_turns_the_lever_arm_of_then_by_what_was_shown(
-    rng: np.random.Generator, share: float
-) -> None:
-    """The lever arm has turned by 17 deg; the gyro bias is unknown by as much as leaves a share of that for shown."""
-    bank, log, par = cloned_filter(rng), carrier_log(), numbers(motion_gate2=25.0, gyro_density=0.0)
-    m = bank.state[0]
-    now = m.C_eb @ np.array(LEVER_B)
-    m.l_clone[:] = Rotation.from_rotvec([0.1, -0.25, 0.12]).apply(now)
-    turned2 = float(np.sum((now - m.l_clone) ** 2))
-    unknown = (1.0 - share) * turned2 / float(np.sum(np.square(LEVER_B)))  # 2^2 B T^2
-    bank.P[0, range(BG, BG + 3), range(BG, BG + 3)] = unknown / (4.0 * (STEP_NS / 1e9) ** 2)
-    arm = m.l_clone + share * (now - m.l_clone)
-
-    def predicted(psi: Float64) -> Float64:
-        other = copy_bank(bank)
-        other.state[0].r_e[:] += Rotation.from_rotvec(psi).apply(arm) - arm
-        return -observed(other, log, par).lines["innovation"][:, CARRIER]
-
-    lines = observed(bank, log, par).lines
-    H = np.zeros((len(lines), N))
-    for j, line in enumerate(lines):
-        columns = line["columns"][CARRIER, : line["count"][CARRIER]]
-        H[j, columns] = line["h"][CARRIER, : len(columns)]
-
-    expected = finite_difference_jacobian(predicted, np.zeros(3), np.full(3, 0.02))
-    np.testing.assert_allclose(H[:, PSI : PSI + 3], expected, atol=3e-6 * float(np.linalg.norm(LEVER_B)))
 
 
 def test_clone_is_the_antenna_and_clock_with_all_their_correlations(rng: np.random.Generator) -> None:

@@ -16,7 +16,7 @@ from insgnss.filter.diagnosis.resetting import reset_kinematics
 from insgnss.filter.headings.heading_bank import turn_member
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.start.start import StartAttitude, open_bank
-from insgnss.filter.state import BG, CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.state import ABSENT_STATE, BG, CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.lever_arm import LEVER_ARM, lever_arm
 from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.update.clone import clone_epoch
@@ -54,7 +54,6 @@ def turning_filter() -> Bank:
     bank.P[0] = root @ root.T
     m.optional[:3] = FOUND
     m.C_swung[:] = Rotation.from_rotvec([0.1, -0.25, 0.12]).as_matrix() @ m.C_eb
-    m.l_clone[:] = m.C_swung @ (np.array(GIVEN) + FOUND)
     m.r_clone[:] = m.r_e - 0.5 * m.v_e
     m.clone_ns = m.swung_ns = START_NS - STEP_NS
     m.w_smooth[:] = 0.5, -0.3, 1.0
@@ -90,22 +89,28 @@ def test_columns_equal_finite_differences(kind: int) -> None:
     np.testing.assert_allclose(columns(lines_of(bank, par, rate), kind), found, atol=1e-5)
 
 
-def test_rotation_within_the_gyros_noise_leaves_the_antenna_where_it_is() -> None:
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("doubt", "kept"), [(1e6, 0), (0.0, 1)], ids=["within the noise", "shown"])
+def test_rotation_within_the_gyros_noise_leaves_the_antenna_where_it_is(
+    doubt: float, kept: int, known: bool
+) -> None:
     """The attitude has turned by 17 deg: within the noise the IMU's error changes, shown it moves the antenna."""
-    for doubt, kept in ((1e6, 0), (0.0, 1)):  # variance of the gyro biases
-        bank, par = turning_filter(), numbers(motion_gate2=25.0, gyro_density=0.0)
-        m, P, work = bank.state[0], bank.P[0], new_epoch(1, N, OFFSETS + 3)
-        P[BG : BG + 3], P[:, BG : BG + 3] = 0.0, 0.0
-        P[range(BG, BG + 3), range(BG, BG + 3)] = doubt
-        then = m.C_swung.copy()
-        H = np.zeros((2, 3, N))
-        for h, C in zip(H, (then, m.C_eb), strict=True):
-            h[:, DR : DR + 3], h[:, OFFSETS : OFFSETS + 3] = np.eye(3), C
-        before = H @ P @ H.swapaxes(1, 2)
-        swing_lever_arm(m, P, par[0], work.antenna[0], START_NS)
-        np.testing.assert_allclose(H[1] @ P @ H[1].T, before[kept], atol=1e-9)
-        np.testing.assert_allclose(P, P.T, atol=1e-9)
-        np.testing.assert_array_equal(m.C_swung, m.C_eb)
+    bank, par = turning_filter(), numbers(motion_gate2=25.0, gyro_density=0.0)
+    m, P, work = bank.state[0], bank.P[0], new_epoch(1, N, OFFSETS + 3)
+    P[BG : BG + 3], P[:, BG : BG + 3] = 0.0, 0.0
+    P[range(BG, BG + 3), range(BG, BG + 3)] = doubt  # variance of the gyro biases
+    if known:
+        par["at_lever_arm"], m.optional[:3] = ABSENT_STATE, 0.0
+    then, lever_b = m.C_swung.copy(), np.array(GIVEN) + (0.0 if known else FOUND)
+    H = np.zeros((2, 3, N))
+    for h, C in zip(H, (then, m.C_eb), strict=True):
+        h[:, DR : DR + 3], h[:, PSI : PSI + 3] = np.eye(3), -cross_matrix(C @ lever_b)
+        h[:, OFFSETS : OFFSETS + 3] = 0.0 if known else C
+    before = H @ P @ H.swapaxes(1, 2)
+    swing_lever_arm(m, P, par[0], work.antenna[0], START_NS)
+    np.testing.assert_allclose(H[1] @ P @ H[1].T, before[kept], atol=1e-9)
+    np.testing.assert_allclose(P, P.T, atol=1e-9)
+    np.testing.assert_array_equal(m.C_swung, m.C_eb)
 
 
 def test_correction_of_the_heading_leaves_the_antenna_where_it_is() -> None:

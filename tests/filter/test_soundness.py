@@ -156,7 +156,6 @@ STATES = (
     "clock",
     "optional",
     "r_clone",
-    "l_clone",
     "C_swung",
     "clock_clone",
     "air_clone",

@@ -121,9 +121,8 @@ def add_to_state(m: StateRecord, d: Float64, layout: Layout) -> None:
 
 
 def set_attitude(m: StateRecord, C_eb: Float64) -> None:
-    """Set both forms of the attitude; the lever arm of the epoch before turns with it, as its covariance does."""
-    turn = C_eb @ m.C_eb.T
-    m.l_clone[:], m.C_swung[:] = turn @ m.l_clone, turn @ m.C_swung
+    """Set both forms of the attitude; that of the epoch before turns too: no vehicle has rotated."""
+    m.C_swung[:] = C_eb @ m.C_eb.T @ m.C_swung
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
 

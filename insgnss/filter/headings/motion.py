@@ -122,17 +122,16 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
 
 
 @kernel(inline=True)
-def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, interval: float) -> None:
-    """Write the antenna's velocity about the IMU, and its path since the last epoch, that may show the attitude.
+def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -> None:
+    """Write the antenna's velocity about the IMU that may show the attitude.
 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
     rest has of it is not motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the
-    variance of the gyros' noise in it, B that of their biases; the lever arm's turn d since the epoch before,
-    T = ``interval`` [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the noise density.
+    variance of the gyros' noise in it, B that of their biases.
     """
     if par.motion_gate2 <= 0.0:
         for i in range(3):
-            a.turning_e[i], a.turned_e[i] = a.a_e[i], a.l_e[i]
+            a.turning_e[i] = a.a_e[i]
         return
     x, y, z = m.w_smooth[0], m.w_smooth[1], m.w_smooth[2]
     w2 = x * x + y * y + z * z
@@ -145,13 +144,6 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, 
     x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
     for i in range(3):
         a.turning_e[i] = m.C_eb[i, 0] * x + m.C_eb[i, 1] * y + m.C_eb[i, 2] * z
-    lever2 = p * p + q * q + r * r
-    noise = (par.motion_gate2 * par.gyro_density * interval + LEVEL_GATE2 * bias * interval**2) * lever2
-    x, y, z = a.l_e[0] - m.l_clone[0], a.l_e[1] - m.l_clone[1], a.l_e[2] - m.l_clone[2]
-    turned2 = x * x + y * y + z * z
-    share = max(1.0 - noise / turned2, 0.0) if turned2 > 0.0 else 0.0
-    for i in range(3):
-        a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
 
 
 @kernel(inline=True)

@@ -6,8 +6,8 @@ The carrier's ambiguity is the same in both epochs and falls out of the differen
 which depends on the antenna's position and clock now and then. Then is a part of the filter's state: after each epoch
 antenna position and clock are cloned (``update.clone``) with their correlations to the states they derive from, and
 the clone's error is constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the
-difference is weighted exactly against the filter's covariance at both ends, and corrects both. The lever arm of now is
-that of then, turned by what counts as a rotation (``motion.place_turning``): the gyros' noise is none.
+difference is weighted exactly against the filter's covariance at both ends, and corrects both. Where the attitude has
+turned within the gyros' errors, the antenna has stayed (``lever_swing``).
 
 Neglects: two differences that follow each other share the phase noise of the epoch between them, correlation -1/2;
 taken as independent, the sum over many epochs is believed less than it deserves.
@@ -48,7 +48,7 @@ def carrier_difference(
     a, row = s.antenna[0], rows.observation[i]
     h, then = line.h[CARRIER], a.u_before
     before = line_of_sight_range(rows.before, i, m.r_clone, then)
-    range_row(a.u, a.turned_e, h)
+    range_row(a.u, a.l_e, h)
     place(h, _THEN, then)
     h[_CLOCK_THEN] = -1.0
     air, earlier = s.air[0], s.air[1]

@@ -1,13 +1,22 @@
-"""The columns of the lever arm's own error in the rows of an antenna's measurements."""
+"""The lever arm, and the columns of its own error in the rows of an antenna's measurements."""
 
 from __future__ import annotations
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState, Line
-from insgnss.filter.state import StateRecord
+from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.kernels.jit import kernel
+
+
+@kernel(inline=True)
+def place_lever(m: StateRecord, par: Parameters, a: AntennaState) -> None:
+    """Write the lever arm in body axes: that of the flight file, and what was found of its error."""
+    for i in range(3):
+        a.l_b[i] = par.lever_b[i]
+        if par.at_lever_arm >= 0:
+            a.l_b[i] += m.optional[par.at_lever_arm - OFFSETS + i]
 
 
 @kernel(inline=True)

@@ -49,7 +49,6 @@ class AntennaState(Record):
     w_b: Annotated[Float64, 3]  # rate w_ib of the body that counts as motion
     a_e: Annotated[Float64, 3]  # C_eb (w_ib x l)
     turning_e: Annotated[Float64, 3]  # the same of the rotation that counts as motion
-    turned_e: Annotated[Float64, 3]  # lever arm of the epoch before, turned by that rotation [m]
     shown_v_e: Annotated[
         Float64, 3
     ]  # velocity and acceleration of the antenna that count as motion, where the

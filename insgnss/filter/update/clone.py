@@ -30,7 +30,7 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, ai
     m.air_clone[0], m.air_clone[1] = air.dry, air.wet
     l_e = a.l_e
     for i in range(3):
-        m.r_clone[i], m.l_clone[i] = a.r_a[i], l_e[i]
+        m.r_clone[i] = a.r_a[i]
     for j in range(n - N_CLONE):
         for i in range(3):
             # (psi x l)_i = psi_p l_q - psi_q l_p with i, p, q cyclic

@@ -16,7 +16,7 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Sta
 from insgnss.filter.update.lever_swing import keep_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.geodesy.vectors import Vector, place, rotate, rotate_back
+from insgnss.geodesy.vectors import Vector, rotate, rotate_back
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -53,7 +53,6 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
         m.optional[i - OFFSETS] += correction[i]
     a, b, c = up_direction(m.r_e)
     turn = a * x + b * y + c * z
-    lever_b = rotate_back(C, m.l_clone)
     turned_x, turned_y, turned_z = (
         _in_body(C, m.C_swung, 0),
         _in_body(C, m.C_swung, 1),
@@ -62,7 +61,6 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
     turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
-    place(m.l_clone, 0, rotate(C, lever_b))  # as the clone's covariance has it now
     _place_column(m.C_swung, 0, rotate(C, turned_x))
     _place_column(m.C_swung, 1, rotate(C, turned_y))
     _place_column(m.C_swung, 2, rotate(C, turned_z))

@@ -12,6 +12,7 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import angular_acceleration, place_turning
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
+from insgnss.filter.rows.lever_columns import place_lever
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, StateRecord
@@ -36,10 +37,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     estimated, late is more by that, and a holds C_eb (w' x l), w' the angular acceleration.
     Neglects: w' otherwise, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
-    for i in range(3):
-        a.l_b[i] = par.lever_b[i]
-        if par.at_lever_arm >= 0:
-            a.l_b[i] += m.optional[par.at_lever_arm - OFFSETS + i]
+    place_lever(m, par, a)
     l0, l1, l2 = a.l_b[0], a.l_b[1], a.l_b[2]
     whole_errors(m, par, a.dr, a.u)
     w0, w1, w2 = w_ib_b[0] - a.u[0], w_ib_b[1] - a.u[1], w_ib_b[2] - a.u[2]
@@ -86,7 +84,7 @@ def observe(
     with_carrier = rows.carrier.shape[0] > 0
     follows = with_carrier and epoch_follows(m, rows, epoch)
     interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
-    place_turning(m, P, par, a, interval)
+    place_turning(m, P, par, a)
     place_motion(m, P, par, a)
     place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
