@@ -361,16 +361,12 @@ class Hindsight:
                 told.append(EpochLog(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
         return told
 
-    def either(self, lapse: bool) -> Verdict | None:
-        """Return the filter to which both sensors are suspect, for as long as it is not clear which one it is.
+    def either(self, lapse: bool) -> list[Verdict]:
+        """Return the results where both sensors are suspect, for as long as it is not clear which one it is.
 
         ``lapse`` says whether one may have lied for a moment, too.
         """
-        found = self.sensor(ANY if lapse else EITHER)
-        if not found:
-            return None
-        best = max(found, key=lambda v: v.log_likelihood)
-        return self.to_the_end(best._replace(suspect=EITHER))
+        return [verdict._replace(suspect=EITHER) for verdict in self.sensor(ANY if lapse else EITHER)]
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""

@@ -201,7 +201,8 @@ def judge(
     sensors = [each for each in told if each.suspect in SENSORS]
     if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
-    verdict = again.either(any(each.suspect == LAPSE for each in likely))
+    either = explanations(again.either(any(each.suspect == LAPSE for each in likely)), again.as_it_was)
+    verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
 
 
