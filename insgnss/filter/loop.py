@@ -8,7 +8,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
+from insgnss.filter.headings.headings import (
+    heading_variance,
+    is_wide,
+    needs_pruning,
+    weigh_headings,
+    widest_variance,
+)
 from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.output.total_sigmas import write_slow
@@ -205,7 +211,7 @@ def run_epochs(
             return LOCKOUT, epoch + 1
         if needs_pruning(bank, drop):
             return PRUNE, epoch + 1
-        if is_wide(bank, par.widest_heading_variance):
+        if is_wide(bank, widest_variance(bank, par.widest_heading_variance)):
             return HEADING_WIDE, epoch + 1
         if bank.state.shape[0] == 1 and is_suspect(bank.state[0], head.doubted_ns, t_ns, par.suspicion_limit):
             return SUSPICION, epoch + 1

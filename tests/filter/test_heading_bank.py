@@ -17,7 +17,13 @@ from insgnss.filter.headings.heading_bank import (
     split,
     turn_member,
 )
-from insgnss.filter.headings.headings import heading_variance, same_heading, turn_about, yaw_variance
+from insgnss.filter.headings.headings import (
+    heading_variance,
+    same_heading,
+    turn_about,
+    widest_variance,
+    yaw_variance,
+)
 from insgnss.filter.state import BG, DR, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.geodesy.local_level import up_direction
@@ -188,3 +194,15 @@ def test_attitude_of_the_epoch_before_turns_with_a_correction() -> None:
 
     np.testing.assert_allclose(m.C_swung, m.C_eb @ then, atol=1e-12)
     assert np.linalg.norm(m.C_eb - C_BEGIN) > 0.1
+
+
+def test_members_are_split_where_a_motion_shows_more_than_they_are_linear_in() -> None:
+    """sigma^2 / 2 sqrt(sum of w I) = 0.1 sigmas of the rows, and no finer than a third of the widest."""
+    bank, widest = bank_of([0.0, 30.0], 15.0), math.radians(25.0) ** 2
+    bank.state["log_weight"] = np.log([0.75, 0.25])
+    assert widest_variance(bank, widest) == widest  # nothing was shown
+    bank.state["motion_information"] = [20.0, 4.0]
+    assert widest_variance(bank, widest) == pytest.approx(2.0 * 0.1 / math.sqrt(16.0))
+    bank.state["motion_information"] = 1e6
+    assert widest_variance(bank, widest) == pytest.approx(widest / 9.0)
+    assert widest_variance(bank, math.inf) == math.inf  # one heading alone is wanted

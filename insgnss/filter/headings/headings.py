@@ -20,6 +20,8 @@ _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
 # and no farther: together they are as linear as each of them was
 _SAME_HEADING_RAD: Final = math.radians(5.0)
 SMALLEST_DIFFERENCE_RAD: Final = 0.02
+FINER: Final = 3  # times as many headings where a motion shows the heading better than they are linear
+_CURVED: Final = 0.1  # sigmas of an epoch's rows that the second order of a heading may make
 
 
 @kernel
@@ -101,6 +103,20 @@ def is_wide(bank: Bank, widest: float) -> bool:
         if yaw_variance(bank.state[i], bank.P[i]) > widest:
             return True
     return False
+
+
+@kernel(inline=True)
+def widest_variance(bank: Bank, widest: float) -> float:
+    """Return the variance of a heading from which on a member is to be split [rad^2], at most ``widest``.
+
+    Equation: sigma^2 / 2 sqrt(sum_i w_i I_i) = c, I_i the squared sigmas per rad^2 by which the shown motion moved the
+    epoch's rows: what a heading does to them in second order. No finer than a third of the widest sigma.
+    """
+    carried = 0.0
+    for i in range(bank.state.shape[0]):
+        carried += math.exp(bank.state[i].log_weight) * bank.state[i].motion_information
+    linear = 2.0 * _CURVED / math.sqrt(carried) if carried > 0.0 else math.inf
+    return max(min(widest, linear), widest / FINER**2)
 
 
 @kernel(inline=True)
