@@ -17,7 +17,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.health import FilterHealth, Remedy
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.headings.heading_bank import heading_deg, pruned, split
-from insgnss.filter.headings.headings import FINER, heading_variance, needs_pruning, widest_variance
+from insgnss.filter.headings.headings import heading_variance, headings_wanted, needs_pruning
 from insgnss.filter.loop import (
     COVARIANCE_LOST,
     DONE,
@@ -335,16 +335,12 @@ class Navigator:
             return
         heading, par = self.setup.config.heading, self._parameters[0]
         single, (_, sd) = len(bank.state) == 1, heading_deg(bank)
-        finer = (
-            FINER if widest_variance(bank, par.widest_heading_variance) < par.widest_heading_variance else 1
-        )
-        n = finer * heading.hypotheses
+        n = headings_wanted(bank, heading.hypotheses, par.widest_heading_variance)
         self.bank = split(bank, n, self.setup.log_drop, par.lever_b, self.setup.layout)
         if single:
             self.bank.head["heading_open"] = 1
-            detail = (
-                f"the heading's sigma has grown to {sd:.0f} deg: {len(self.bank.state)} headings are open"
-            )
+            many = f"{len(self.bank.state)} headings are open"
+            detail = f"the heading's sigma has grown to {sd:.0f} deg: {many}"
             self.events.append(Event(int(bank.head[0].now_ns), "heading_open", detail))
 
     def _heading_known(self) -> None:

@@ -119,6 +119,11 @@ def widest_variance(bank: Bank, widest: float) -> float:
     return max(min(widest, linear), widest / FINER**2)
 
 
+def headings_wanted(bank: Bank, usual: int, widest: float) -> int:
+    """Return how many headings are to take the place of members that are too wide."""
+    return usual if widest_variance(bank, widest) == widest else FINER * usual
+
+
 @kernel(inline=True)
 def weigh_headings(bank: Bank, par: Parameters) -> None:
     """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
