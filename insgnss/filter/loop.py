@@ -10,6 +10,7 @@ from typing import Final
 
 from insgnss.filter.headings.headings import (
     heading_variance,
+    is_open_again,
     is_wide,
     needs_pruning,
     weigh_headings,
@@ -55,6 +56,7 @@ COVARIANCE_LOST: Final = 3  # the state is not finite any more, or a variance no
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
+HEADING_OPEN: Final = 7  # of several headings none is known any more
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
@@ -217,6 +219,8 @@ def run_epochs(
             return SUSPICION, epoch + 1
         if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
             return HEADING_KNOWN, epoch + 1
+        if is_open_again(bank, par.widest_heading_variance):
+            return HEADING_OPEN, epoch + 1
     return DONE, epochs[1]
 
 

@@ -17,11 +17,13 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.health import FilterHealth, Remedy
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.headings.heading_bank import heading_deg, pruned, split
+from insgnss.filter.headings.heading_events import heading_known, heading_open, heading_single
 from insgnss.filter.headings.headings import heading_variance, headings_wanted, needs_pruning
 from insgnss.filter.loop import (
     COVARIANCE_LOST,
     DONE,
     HEADING_KNOWN,
+    HEADING_OPEN,
     HEADING_WIDE,
     LOCKOUT,
     PRUNE,
@@ -305,6 +307,8 @@ class Navigator:
             self._prune()
         elif code == HEADING_WIDE:
             self._split()
+        elif code == HEADING_OPEN:
+            self._heading_open(bank, heading_deg(bank)[1])
         elif code == HEADING_KNOWN:
             self._heading_known()
         elif code == LOCKOUT:
@@ -321,11 +325,7 @@ class Navigator:
             return
         self.bank = pruned(self.bank, self.setup.log_drop, self.setup.layout)
         if len(self.bank.state) == 1:
-            t_ns = int(self.bank.head[0].now_ns)
-            yaw, sd = heading_deg(self.bank)
-            self.events.append(
-                Event(t_ns, "heading_single", f"one heading is left: {yaw:.1f} deg, sigma {sd:.1f} deg")
-            )
+            self.events.append(heading_single(self.bank))
             self._tell_heading()
 
     def _split(self) -> None:
@@ -338,21 +338,18 @@ class Navigator:
         n = headings_wanted(bank, heading.hypotheses, par.widest_heading_variance)
         self.bank = split(bank, n, self.setup.log_drop, par.lever_b, self.setup.layout)
         if single:
-            self.bank.head["heading_open"] = 1
-            many = f"{len(self.bank.state)} headings are open"
-            detail = f"the heading's sigma has grown to {sd:.0f} deg: {many}"
-            self.events.append(Event(int(bank.head[0].now_ns), "heading_open", detail))
+            self._heading_open(self.bank, sd)
+
+    def _heading_open(self, bank: Bank, sd_deg: float) -> None:
+        bank.head["heading_open"] = 1
+        self.events.append(heading_open(bank, sd_deg))
 
     def _heading_known(self) -> None:
         bank = self.bank
         if bank is None or bank.head[0].heading_open == 0:
             return
         bank.head["heading_open"] = 0
-        t_ns = int(bank.head[0].now_ns)
-        yaw, sd = heading_deg(bank)
-        after = (t_ns - (self.started_ns or t_ns)) / NS_PER_S
-        detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
-        self.events.append(Event(t_ns, "heading_known", detail))
+        self.events.append(heading_known(bank, self.started_ns))
 
     def _accept(self, remedy: Remedy, t_ns: int) -> None:
         """Apply the remedy of the filter's health."""

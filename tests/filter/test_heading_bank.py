@@ -19,6 +19,7 @@ from insgnss.filter.headings.heading_bank import (
 )
 from insgnss.filter.headings.headings import (
     heading_variance,
+    is_open_again,
     same_heading,
     turn_about,
     widest_variance,
@@ -206,3 +207,15 @@ def test_members_are_split_where_a_motion_shows_more_than_they_are_linear_in() -
     bank.state["motion_information"] = 1e6
     assert widest_variance(bank, widest) == pytest.approx(widest / 9.0)
     assert widest_variance(bank, math.inf) == math.inf  # one heading alone is wanted
+
+
+def test_heading_that_counts_as_known_is_open_again_where_several_lie_far_apart() -> None:
+    bank, widest = bank_of([0.0, 90.0], 3.0), math.radians(25.0) ** 2
+    bank.state["log_weight"] = np.log([0.95, 0.05])
+    assert not is_open_again(bank, widest)
+    bank.state["log_weight"] = np.log([0.9, 0.1])  # 90 deg sqrt(0.1) = 28 deg
+    assert is_open_again(bank, widest)
+    bank.head["heading_open"] = 1
+    assert not is_open_again(bank, widest)
+    bank.head["heading_open"], bank.head["more_than_headings"] = 0, 1
+    assert not is_open_again(bank, widest)

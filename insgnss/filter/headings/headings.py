@@ -106,6 +106,13 @@ def is_wide(bank: Bank, widest: float) -> bool:
 
 
 @kernel(inline=True)
+def is_open_again(bank: Bank, widest: float) -> bool:
+    """Return whether a heading that counts as known is one of several farther apart than one filter may be wide."""
+    known = bank.head[0].heading_open == 0 and bank.head[0].more_than_headings == 0
+    return known and bank.state.shape[0] > 1 and heading_variance(bank) > widest
+
+
+@kernel(inline=True)
 def widest_variance(bank: Bank, widest: float) -> float:
     """Return the variance of a heading from which on a member is to be split [rad^2], at most ``widest``.
 
