@@ -89,7 +89,7 @@ class Calendar:
         if self.scale == "utc" or not len(parts[0]):
             return None
         cells = self.joined(parts)
-        place = pc.index(pc.match_substring_regex(cells, _ZONE), True).as_py()
+        place = pc.index(has_zone(cells), True).as_py()
         return None if place < 0 else (place, cells[place].as_py())
 
     def joined(self, parts: list[pa.Array]) -> pa.Array:
@@ -100,6 +100,11 @@ class Calendar:
 
 def _join(parts: list[pa.Array], between: str) -> pa.Array:
     return pc.binary_join_element_wise(*parts, pa.scalar(between, parts[0].type))
+
+
+def has_zone(cells: pa.Array) -> pa.Array:
+    """Return whether each cell of dates and times ends in a zone: Z, UTC or an offset."""
+    return pc.match_substring_regex(cells, _ZONE)
 
 
 def _leap_seconds(unix_s: Int64) -> Int64:
