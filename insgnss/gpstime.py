@@ -79,6 +79,14 @@ def unix_to_gps_ns(unix_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return since + leap_s * NS_PER_S
 
 
+def utc_to_gps_ns(unix_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return GPS times in ns of UTC dates in ns since 1970, with the leap seconds in force at each."""
+    days = np.array([np.datetime64(date, "ns") for date, _ in LEAP_SECONDS]).astype(np.int64)
+    seconds = np.array([0, *(value for _, value in LEAP_SECONDS)], np.int64)
+    leap_s = seconds[np.searchsorted(days, unix_ns, side="right")]
+    return np.asarray(unix_ns + (leap_s - UNIX_TO_GPS_S) * NS_PER_S)
+
+
 def ns_to_utc(t_ns: npt.ArrayLike) -> npt.NDArray[np.datetime64]:
     """Return UTC dates (datetime64[ns]) of GPS times in ns, with the leap seconds in force at each.
 

@@ -47,6 +47,14 @@ def test_model_is_printed_or_copied_byte_for_byte(tmp_path: Path, kind: str, nam
         assert (output / copy).read_bytes() == source.read_bytes()
 
 
+@pytest.mark.parametrize("inside", ["errors.csv", "errors.csv/deeper/my.toml"])
+def test_copy_into_a_file_says_that_it_is_one(tmp_path: Path, inside: str) -> None:
+    (tmp_path / "errors.csv").write_text("mine", encoding="utf-8")
+    done = said("models", "imus", "tactical", "--output", str(tmp_path / inside))
+
+    assert done.exit_code == 5 and "errors.csv' is a file" in " ".join(done.stderr.split())
+
+
 def test_copy_overwrites_nothing(tmp_path: Path) -> None:
     mine = tmp_path / "tactical.toml"
     mine.write_text("mine", encoding="utf-8")

@@ -68,6 +68,11 @@ def _copied(source: Path, output: Path) -> Path:
     """Copy a model's file to a file, or under its own name into a folder; return where it is now."""
     # a folder that is there, or a name without the ending of a file
     path = output / source.name if output.is_dir() or output.suffix != source.suffix else output
+    there = next(parent for parent in path.parents if parent.exists())
+    if not there.is_dir():
+        raise ResultError(
+            f"'{there}' is a file, so no file can be inside it", file=path, advice="give another --output"
+        )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as copy:

@@ -24,6 +24,7 @@ from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, r
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.report.digest import digest
+from insgnss.report.epochs import pseudoranges_used
 from insgnss.results.saving import check_replaceable, overwriting
 from insgnss.runs.replay import replay as run_replay
 from insgnss.runs.result import FILES, Run
@@ -134,11 +135,13 @@ def _print_summary(flight: Flight, run: Run) -> None:
     console.print(f"{flight.name}: {len(nav)} navigation rows over {span:.1f} s", highlight=False)
     console.print(_accuracy_table(run))
     console.print(_measurement_table(run))
-    used = run.nav["n_used"]
-    console.print(
-        f"rows used per epoch, a satellite once for each band: {used.min()} to {used.max()}, mean {used.mean():.1f}",
-        highlight=False,
-    )
+    used = pseudoranges_used(run)
+    if len(used):
+        console.print(
+            "pseudoranges used per epoch, a satellite once for each band:"
+            f" {used.min()} to {used.max()}, mean {used.mean():.1f}",
+            highlight=False,
+        )
     _print_events(console, run)
     _print_aiding(console, run)
     _print_supervision(console, run)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import math
+import re
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 
 from insgnss.errors import ColumnError, ConfigError, InputError, MissingFileError
+from insgnss.log.csv.cells import NUMBER
+from insgnss.log.csv.dialect import DELIMITERS, is_comment, is_data, split_cells
+from insgnss.runs.wanted_times import dated_text_ns
+
+_TIME_COLUMNS: Final = ("time_s", "utc")
+_WRITE_TIMES: Final = "write seconds of the GPS week, or dates with a zone: 2025-09-24T09:36:22.25Z"
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+")
+_THOUSANDS: Final = re.compile(r"[+-]?\d{1,3},\d{3}")  # or a decimal comma: both could be meant
 
 Rate = Annotated[
     str,
@@ -18,7 +26,9 @@ Rate = Annotated[
 Times = Annotated[
     Path | None,
     typer.Option(
-        "--times", help="File of times for the rows instead: column time_s (CSV), or one to a line."
+        "--times",
+        help="File of times for the rows instead: column time_s or utc (CSV), or one to a line; seconds of the GPS week"
+        " or dates as 2025-09-24T09:36:22.25Z.",
     ),
 ]
 PointOption = Annotated[
@@ -87,44 +97,71 @@ def point_of(text: str) -> str | list[float]:
         ) from None
 
 
-def read_times(path: Path) -> list[float]:
-    """Return the times of a file: its column ``time_s``, or its only column, with a name above it or not.
+def read_times(path: Path) -> list[float | str]:
+    """Return the times of a file: its column ``time_s`` or ``utc``, or its only column, with a name above it or not.
+
+    Seconds of the GPS week become numbers; dates with a zone stay text. Columns are parted by commas, semicolons, tabs
+    or white space; decimal commas are read where they cannot be delimiters. Lines that begin with # are comments.
 
     Raises
     ------
-    MissingFileError, InputError, ColumnError : it cannot be read, has no such column, or a cell is not a number
+    MissingFileError, InputError, ColumnError : it cannot be read, has no such column, or a cell is not a time
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [(at, row) for at, row in enumerate(csv.reader(file), start=1) if any(map(str.strip, row))]
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise MissingFileError("no such file", file=path, advice="check the path") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", file=path, advice="give a text file") from error
-    head = [cell.strip() for cell in rows[0][1]] if rows else []
-    column = head.index("time_s") if "time_s" in head else 0
-    if "time_s" in head or (len(head) == 1 and not _is_number(head[0])):
-        rows = rows[1:]
-    elif len(head) > 1:
-        raise ColumnError(
-            "no column 'time_s'", file=path, line=rows[0][0], advice="name the column of the times time_s"
-        )
-    for at, row in rows:
-        if len(row) <= column or not _is_number(row[column]):
+    numbered = enumerate(map(str.strip, text.splitlines()), start=1)
+    lines = [(at, line) for at, line in numbered if line and not is_comment(line)]
+    if not lines:
+        raise InputError("holds no times", file=path, advice=_WRITE_TIMES)
+    at, head = lines[0]
+    found = [(d, split_cells(head, d)) for d in DELIMITERS]
+    named = [(d, cells) for d, cells in found if set(cells) & set(_TIME_COLUMNS)]
+    if named:
+        delimiter, cells = max(named, key=lambda one: len(one[1]))
+        name = next(name for name in _TIME_COLUMNS if name in cells)
+        place, width = cells.index(name), len(cells)
+    else:
+        delimiter, place, width, name = None, 0, 1, "time_s"
+        if any(len(cells) > 1 for d, cells in found if d != " "):
             raise ColumnError(
-                "no time in seconds of the GPS week",
+                "no column 'time_s' or 'utc'",
                 file=path,
                 line=at,
-                column="time_s",
-                advice="mend the line",
+                advice="name the column of the times in a header",
             )
-    if not rows:
-        raise InputError("holds no times", file=path, advice="write one to a line")
-    return [float(row[column]) for _, row in rows]
+    if named or not is_data(head):
+        lines = lines[1:]
+    if not lines:
+        raise InputError("holds no times", file=path, advice=_WRITE_TIMES)
+    rows = [(at, [line] if width == 1 else split_cells(line, str(delimiter))) for at, line in lines]
+    return [_time_of(row, place, width, (path, at, name)) for at, row in rows]
 
 
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
+def _time_of(row: list[str], place: int, width: int, where: tuple[Path, int, str]) -> float | str:
+    """Return the time of one row: a number, or the text of a date with a zone."""
+    file, line, column = where
+    refused = partial(ColumnError, file=file, line=line, column=column)
+    while len(row) > width and not row[-1]:
+        row = row[:-1]  # the line ends with delimiters
+    if len(row) > width:
+        advice = "write decimal points, or part the columns by semicolons"
+        raise refused(f"{len(row)} cells, and the header names {width}", advice=advice)
+    if len(row) <= place or not row[place]:
+        raise refused("no time", advice=_WRITE_TIMES)
+    cell = row[place].strip("\"'")
+    if re.fullmatch(NUMBER, cell):
+        return float(cell)
+    if _DECIMAL_COMMA.fullmatch(cell):
+        if width == 1 or _THOUSANDS.fullmatch(cell):
+            raise refused(
+                f"'{cell}' has a comma", advice="write a decimal point, and no thousands separators"
+            )
+        return float(cell.replace(",", "."))
+    found = dated_text_ns([cell])[0]
+    if isinstance(found, str):
+        raise refused(f"'{cell}' {found}", advice=_WRITE_TIMES)
+    return cell

@@ -172,7 +172,10 @@ class ObservationLog(LogTable):
     @model_validator(mode="after")
     def _constellation_is_told_in_one_way(self) -> Self:
         if self.system is not None and self.columns.system != NO_COLUMN:
-            raise ValueError("system and columns.system say the same thing twice: give one of them")
+            raise ValueError(
+                f"system = '{self.system}' declares one constellation for all rows, and columns.system ="
+                f" '{self.columns.system}' reads one from each row: leave one of them out"
+            )
         if self.system_codes and self.columns.system == NO_COLUMN:
             raise ValueError("system_codes are of the column that columns.system names: give it too")
         return self

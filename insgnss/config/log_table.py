@@ -55,7 +55,10 @@ class TimeScale(StrictModel):
         if self.origin != "calendar" and self.date_order != "ymd":
             raise ValueError("date_order is of dates: write origin = 'calendar' too, or leave it out")
         if self.origin == "calendar" and self.unit != "s":
-            raise ValueError("unit is of numbers: leave it out where origin = 'calendar'")
+            raise ValueError(
+                "unit is of numbers: leave it out where origin = 'calendar', or write 's' where columns.time holds"
+                " seconds of the day"
+            )
         if self.origin == "calendar" and "scale" not in self.model_fields_set:
             raise ValueError(
                 "say which time the dates are in: scale = 'utc' (dates that end in Z are), or 'gps'"

@@ -211,6 +211,11 @@ def reason_unsupported(system: str, code: str) -> str:
     return _REASONS.get((system, code), f"no signal {code} of system {system} in RINEX 3")
 
 
+def is_rinex_code(system: str, code: str) -> bool:
+    """Return whether RINEX names a signal of a system so, supported or not."""
+    return (system, code) in _BY_CODE or (system, code) in _REASONS
+
+
 def carrier_hz(system: str, code: str, channel: int | None = None) -> float:
     """Return the carrier [Hz], NaN when the signal is unknown or unsupported.
 

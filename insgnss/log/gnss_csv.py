@@ -16,6 +16,7 @@ from insgnss.config.flight import Gnss, GnssColumns
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
+from insgnss.gnss.signals import is_rinex_code
 from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import ColumnSelection, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites
@@ -31,6 +32,7 @@ OTHER_UNITS_M: Final = {"kilometres": 1e3, "seconds": C_MPS, "milliseconds": 1e-
 NEAREST_M: Final = 1.5e7  # between the nearest GNSS satellite seen from 2000 km height ...
 # ... and the farthest in geosynchronous orbit, with a clock off by tens of milliseconds
 FARTHEST_M: Final = 6e7
+_WRITE_CODES: Final = "write RINEX codes such as C1C (GPS L1 C/A, Galileo E1), C2I (BeiDou B1I), C5Q (L5)"
 _CODE: Final = re.compile(r"[CLDS]?(\d[A-Z])")
 
 
@@ -77,9 +79,10 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     t_ns, continued = continued_week(t_ns, previous_ns, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, path)
-    events = _table_events(table, names) + timing + continued + bad_names + assumed
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
+    events = _table_events(table, names) + timing + continued + bad_names + assumed
+    events += _unknown_signals(table, names.signal, sv, sv_names, path)
     states, unused = _satellite_states(table, config, path)
     events += unused
     whole = GnssTable(
@@ -258,6 +261,45 @@ def _signals(
     signal[empty] = of_satellite[sv[empty]]
     detail = f"{path}: {int(empty.sum())} row(s) without a signal: {_summary(assumed, sv_names)} assumed"
     return signal, names, [Event(None, "signal_assumed", detail)]
+
+
+def _unknown_signals(
+    table: CsvTable, column: str, sv: Int16, sv_names: tuple[str, ...], path: Path
+) -> list[Event]:
+    """Return an event of each signal that RINEX does not name so; its rows stand in the ledger as unknown.
+
+    Raises
+    ------
+    ColumnError : no row has a signal that RINEX names
+    """
+    text = table.text.get(column)
+    if text is None:
+        return []
+    rows = np.flatnonzero(sv >= 0)
+    pairs, first, count = np.unique(
+        sv[rows].astype(np.int64) * len(text.words) + text.codes[rows], return_index=True, return_counts=True
+    )
+    unknown: dict[str, tuple[int, int]] = {}  # by the word as written: rows, and the first of them
+    for pair, row, n in zip(pairs.tolist(), rows[first].tolist(), count.tolist(), strict=True):
+        satellite, word = divmod(pair, len(text.words))
+        written = text.words[word]
+        if written and not is_rinex_code(sv_names[satellite][0], _code(written)):
+            before, earliest = unknown.get(written, (0, row))
+            unknown[written] = before + n, min(earliest, row)
+    if not unknown:
+        return []
+    if sum(n for n, _ in unknown.values()) == len(rows):
+        word, (_, row) = min(unknown.items(), key=lambda item: item[1][1])
+        line = int(table.line[row])
+        raise ColumnError(
+            f"unknown signal '{word}'", file=path, line=line, column=column, advice=_WRITE_CODES
+        )
+    return [
+        Event(
+            None, "unknown_signal", f"{path}: unknown signal '{word}' in {n} row(s), not used: {_WRITE_CODES}"
+        )
+        for word, (n, _) in unknown.items()
+    ]
 
 
 def _code(word: str) -> str:

@@ -11,6 +11,8 @@ from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 
 _USED: Final = ("used", "used_for_start")
+# a row of the navigation table is at its epoch to the nanosecond, but seconds of the week round
+_ROUNDING_S: Final = 1e-6
 
 
 def of_satellites(ledger: pd.DataFrame) -> pd.DataFrame:
@@ -42,11 +44,20 @@ def satellites_used(run: Run) -> tuple[Float64, Int64]:
     return epochs, seen.sum(axis=1)
 
 
+def pseudoranges_used(run: Run) -> Int64:
+    """Return how many pseudoranges corrected or started the state at each of the log's epochs, from the start on."""
+    ledger = of_satellites(run.measurements)
+    ledger = ledger[
+        (ledger["kind"] == "pseudorange") & (ledger["time_s"] >= run.nav["time_s"].iloc[0] - _ROUNDING_S)
+    ]
+    epoch = np.cumsum(np.diff(ledger["time_s"].to_numpy(), prepend=-np.inf) != 0.0) - 1
+    return np.bincount(epoch, ledger["status"].isin(_USED).to_numpy()).astype(np.int64)
+
+
 def used_at(run: Run, time_s: Float64) -> Float64:
     """Return the satellites used in the latest epoch at each of these times; 0 before the first."""
     epochs, count = satellites_used(run)
     if len(epochs) == 0:
         return np.zeros(len(time_s))
-    # a row of the navigation table is at its epoch to the nanosecond, but seconds of the week round
-    latest = np.searchsorted(epochs, time_s + 1e-6, side="right") - 1
+    latest = np.searchsorted(epochs, time_s + _ROUNDING_S, side="right") - 1
     return np.where(latest >= 0, count[np.maximum(latest, 0)], 0).astype(np.float64)

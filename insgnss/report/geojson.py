@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,29 +12,22 @@ import pandas as pd
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of
 from insgnss.runs.result import Run
+from insgnss.tables import Float64, Int64
 
 
 def as_geojson(run: Run) -> bytes:
     """Return the run as a feature collection: longitude, latitude [deg], height above the ellipsoid [m], in this order.
 
-    The line's properties hold ``time_utc`` and ``sd_horizontal_m`` of each of its points.
+    The line's properties hold ``time_utc`` and ``sd_horizontal_m`` of each of its points. A track over the antimeridian
+    is a MultiLineString whose parts end and begin at it, and its properties are in the same parts.
     """
     week, nav = gps_week(run), run.nav
     times = nav["time_s"].to_numpy()
     dates, places = utc_texts(times, week), _places(nav)
-    sigma = np.hypot(nav["sd_n_m"].to_numpy(), nav["sd_e_m"].to_numpy())
-    line = {
-        "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": places},
-        "properties": {
-            "name": name_of(run),
-            "time_utc": dates,
-            "sd_horizontal_m": np.round(sigma, 4).tolist(),
-        },
-    }
-    features: list[dict[str, Any]] = [line]
+    features: list[dict[str, Any]] = [_track(nav, week) | {"type": "Feature"}]
+    features[0]["properties"]["name"] = name_of(run)
     if len(nav) == 1:  # a line needs two points
-        line["geometry"] = {"type": "Point", "coordinates": places[0]}
+        features[0]["geometry"] = {"type": "Point", "coordinates": places[0]}
     for time_s, kind, detail in zip(
         *(run.events[c].tolist() for c in ("time_s", "kind", "detail")), strict=True
     ):
@@ -43,6 +37,45 @@ def as_geojson(run: Run) -> bytes:
             about = {"kind": kind, "detail": detail, "time_utc": dates[row]}
             features.append({"type": "Feature", "geometry": point, "properties": about})
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False).encode()
+
+
+def _track(nav: pd.DataFrame, week: int) -> dict[str, Any]:
+    """Return geometry and properties of the track, in parts where it crosses the antimeridian (RFC 7946, 3.1.9).
+
+    Each part ends or begins at +-180 deg with the latitude, height, time and sigma interpolated straight.
+    """
+    points = nav[["lon_deg", "lat_deg", "h_m", "time_s"]].copy()
+    points["sigma_m"] = np.hypot(nav["sd_n_m"].to_numpy(), nav["sd_e_m"].to_numpy())
+    values = points.to_numpy(np.float64)
+    before = np.flatnonzero(np.abs(np.diff(values[:, 0])) > 180.0)
+    ends = _at_antimeridian(values, before)
+    begins = ends * np.array([-1.0, 1.0, 1.0, 1.0, 1.0])
+    inserted = np.insert(values, np.repeat(before + 1, 2), np.stack([ends, begins], 1).reshape(-1, 5), axis=0)
+    points = pd.DataFrame(inserted, columns=points.columns)
+    dates, places = utc_texts(points["time_s"].to_numpy(), week), _places(points)
+    sigmas = np.round(inserted[:, 4], 4).tolist()
+    cuts = [0, *(before + 2 + 2 * np.arange(len(before))).tolist(), len(inserted)]
+    parts = [slice(*pair) for pair in pairwise(cuts)]
+    if len(parts) == 1:
+        geometry = {"type": "LineString", "coordinates": places}
+        return {"geometry": geometry, "properties": {"time_utc": dates, "sd_horizontal_m": sigmas}}
+    geometry = {"type": "MultiLineString", "coordinates": [places[part] for part in parts]}
+    properties = {
+        "time_utc": [dates[part] for part in parts],
+        "sd_horizontal_m": [sigmas[part] for part in parts],
+    }
+    return {"geometry": geometry, "properties": properties}
+
+
+def _at_antimeridian(values: Float64, before: Int64) -> Float64:
+    """Return the points at which the steps after these rows reach the antimeridian, on the side that they leave."""
+    one, two = values[before], values[before + 1]
+    side = np.where(one[:, 0] > 0.0, 180.0, -180.0)
+    way = np.abs(side - one[:, 0]) + np.abs(-side - two[:, 0])
+    share = np.divide(np.abs(side - one[:, 0]), way, out=np.zeros(len(way)), where=way > 0.0)
+    ends: Float64 = one + share[:, None] * (two - one)
+    ends[:, 0] = side
+    return ends
 
 
 def _places(nav: pd.DataFrame) -> list[list[float]]:

@@ -18,14 +18,15 @@ An oscillation that the rows do not resolve stays unseen.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from insgnss.errors import ResultError
 from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
+from insgnss.runs.datum import GPS_WEEK
+from insgnss.runs.wanted_times import WANTED, week_seconds
 from insgnss.tables import Float64, Int64
 
 _GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by more than a second, is a gap
@@ -50,14 +51,17 @@ class InterpolationLimits(NamedTuple):
     velocity_mps: float
 
 
-def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: InterpolationLimits) -> pd.DataFrame:
-    """Return navigation rows at times [s] in any order, each between two rows of ``nav`` or at one.
+def rows_at(nav: pd.DataFrame, times_s: Any, limits: InterpolationLimits) -> pd.DataFrame:
+    """Return navigation rows at times in any order, each between two rows of ``nav`` or at one.
+
+    Times are seconds of the GPS week or dates with a zone, see ``week_seconds``.
 
     Raises
     ------
-    ResultError : a time is outside the rows or in a gap of them, or they are too far apart for the motion there
+    ResultError : a value is not a time, a time is outside the rows or in a gap of them, or they are too far apart for
+        the motion there
     """
-    times = np.atleast_1d(np.asarray(times_s, np.float64))
+    times = week_seconds(times_s, nav.attrs.get(GPS_WEEK), _not_times)
     t = nav["time_s"].to_numpy()
     _check_inside(t, times)
     before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
@@ -142,6 +146,10 @@ def _widen(found: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> 
     """Add the loss to sigmas: nothing at a row, all of it in the middle."""
     part = (4.0 * u[:, 0] * (1.0 - u[:, 0]) * lost)[:, None]
     found[names] = np.sqrt(found[names].to_numpy() ** 2 + part**2)
+
+
+def _not_times(what: str) -> ResultError:
+    return ResultError(f"the times: {what}" if what[:5] == "value" else f"the times {what}", advice=WANTED)
 
 
 def _check_inside(t: Float64, times: Float64) -> None:

@@ -96,8 +96,9 @@ def replay(
     filter : a name in the library (``models/filters``), a file, or the settings themselves
     settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
-        times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
-        camera are right however the vehicle turns; a time without a filter has no row, which an event reports
+        increasing times: seconds of the flight's GPS week, or dates with a zone as for ``run.at``. The filter itself
+        is carried to each, so attitudes of a camera are right however the vehicle turns; a time without a filter has
+        no row, which an event reports
     point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
         forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
     quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first

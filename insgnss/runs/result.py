@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from pandas.api.types import is_float_dtype
 
@@ -165,7 +164,7 @@ class Run(ResultDisplay):
 
     def at(
         self,
-        times_s: npt.ArrayLike,
+        times_s: Any,
         *,
         most_deg: float = 0.2,
         most_m: float = 0.2,
@@ -181,12 +180,15 @@ class Run(ResultDisplay):
 
         Parameters
         ----------
-        times_s : seconds of the GPS week, as in ``nav["time_s"]``, in any order
+        times_s : in any order: seconds of the GPS week, as in ``nav["time_s"]``; or dates with a zone, which become
+            GPS time with the leap seconds in force: a DatetimeIndex as that of ``nav_with(utc=True)``, ``datetime``
+            objects, text in ISO 8601 ("2025-09-24T09:36:22.25Z"). A date without a zone is an error
         most_deg, most_m, most_mps : how much may be lost of attitude, position and velocity, one sigma
 
         Raises
         ------
-        ResultError : a time is outside the run or in a gap of its rows, or more than that may be lost
+        ResultError : a value is not a time, a date has no zone, a time is outside the run or in a gap of its rows, or
+            more than that may be lost
         """
         rows = rows_at(self.nav, times_s, InterpolationLimits(most_deg, most_m, most_mps))
         rows.attrs = dict(self.nav.attrs)  # the GPS week and the units

@@ -15,9 +15,10 @@ from insgnss.filter.smoothing.body_points import PointColumns, PointColumnValues
 from insgnss.filter.whole_log import OutputRate
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.log.flight import Flight
+from insgnss.runs.wanted_times import WANTED, week_seconds
 from insgnss.tables import Event, Float64, Int64
 
-AtTimes: TypeAlias = Literal["gnss", "imu"] | float | Sequence[float] | Float64 | pd.Series
+AtTimes: TypeAlias = Literal["gnss", "imu"] | float | Sequence[Any] | Float64 | pd.Series | pd.Index
 Point: TypeAlias = str | Sequence[float] | Float64
 _FARTHEST_M: Final = 1e3  # from the IMU
 _ANTENNA: Final = "antenna"  # that of the GNSS log
@@ -108,24 +109,24 @@ def refuse_integrity(flight: Flight, *, integrity: bool) -> None:
 
 
 def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputRate:
-    """Return the output as the filter takes it: times [s] of the GPS week become nanoseconds.
+    """Return the output as the filter takes it: seconds of the GPS week, and dates with a zone, become nanoseconds.
 
     Without epochs a row at each epoch becomes one a second.
 
     Raises
     ------
-    ConfigError : times that are not numbers, an empty list, or not increasing
+    ConfigError : a value is not a time, a date has no zone, the list is empty, or the times do not increase
     """
     try:
         if np.ndim(output) == 0:
             if not has_epochs and str(output) == "gnss":
                 return 1.0
             return output  # type: ignore[return-value]  # it is checked later against the samples' rate
-        times_s = np.asarray(output, np.float64)
-    except (TypeError, ValueError):
-        times_s = np.full(1, math.nan)
-    if times_s.ndim != 1 or not len(times_s) or not np.isfinite(times_s).all():
-        raise _no_times("are not a list of numbers")
+    except (TypeError, ValueError):  # a list of lists
+        raise _no_times("are not one list") from None
+    times_s = week_seconds(output, week, _no_times)
+    if times_s.ndim != 1 or not len(times_s):
+        raise _no_times("are not one list")
     if float(np.abs(times_s).max()) > np.iinfo(np.int64).max / 4e9:
         raise _no_times("are not seconds of the GPS week")
     t_ns = week_seconds_to_ns(week, times_s)
@@ -138,9 +139,9 @@ def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputR
 
 def _no_times(what: str) -> ConfigError:
     return ConfigError(
-        f"the output times {what}",
+        f"the output times: {what}" if what[:5] == "value" else f"the output times {what}",
         key="output",
-        advice="give increasing seconds of the flight's GPS week, as run.nav['time_s'] has them",
+        advice=f"{WANTED}, in increasing order",
     )
 
 

@@ -13,10 +13,16 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed
+from insgnss.filter.smoothing.between import (
+    InterpolatedStates,
+    Nodes,
+    _distinct_steps,
+    one_hypothesis,
+    smoothed,
+)
 from insgnss.filter.smoothing.smoother import Smoother
 from insgnss.filter.smoothing.smoother_step import FilteredEpoch, SmoothedEpoch, one_back
-from insgnss.filter.state import OFFSETS
+from insgnss.filter.state import OFFSETS, STATE_DTYPE
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import Float64, Int64
@@ -164,3 +170,14 @@ def test_inside_a_gap_the_smoother_knows_more_and_errs_less_than_the_filter(carr
     for block, share in (("position", 0.35), ("velocity", 0.35)):
         part = BLOCKS[block]
         assert np.sqrt(np.mean(errors[:, 1:, part] ** 2) / np.mean(before[:, 1:, part] ** 2)) < share
+
+
+def test_times_within_one_step_of_the_covariance_share_its_inverse() -> None:
+    P = np.zeros((4, 2, 2))
+    P[2:] = 1.0
+    Phi = np.tile(np.eye(2), (4, 1, 1))
+    Phi[3, 0, 1] = 0.1
+
+    first, step = _distinct_steps(Nodes(np.zeros(4, STATE_DTYPE), P, Phi, P, Phi))
+
+    assert first.tolist() == [0, 2, 3] and step.tolist() == [0, 0, 1, 2]

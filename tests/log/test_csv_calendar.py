@@ -173,7 +173,7 @@ def test_declared_leap_seconds_count_for_every_row(tmp_path: Path, leap: int) ->
 
 
 def test_dates_in_gps_time_get_no_leap_seconds(tmp_path: Path) -> None:
-    t_ns, events = read(tmp_path, "t,x", ["2025-08-28T17:30:22Z,1"], {"time": "t"}, scale="gps")
+    t_ns, events = read(tmp_path, "t,x", ["2025-08-28T17:30:22,1"], {"time": "t"}, scale="gps")
     assert t_ns[0] == ns_of(dt.datetime(2025, 8, 28, 17, 30, 22)) and not events
 
 
@@ -201,7 +201,7 @@ def test_time_goes_on_evenly_through_a_leap_second(tmp_path: Path) -> None:
     ("cell", "scale"),
     [
         ("2016-12-30T23:59:60Z", "utc"),  # no leap second came then
-        ("2016-12-31T23:59:60Z", "gps"),  # nor ever in GPS time
+        ("2016-12-31T23:59:60", "gps"),  # nor ever in GPS time
         ("2016-12-31T23:59:61Z", "utc"),
         ("2025-02-29T00:00:00Z", "utc"),
         ("2025-08-28T24:00:01Z", "utc"),
@@ -218,11 +218,109 @@ def test_time_goes_on_evenly_through_a_leap_second(tmp_path: Path) -> None:
 def test_cell_that_is_no_moment_refuses_its_row_by_line_and_column(
     tmp_path: Path, cell: str, scale: str
 ) -> None:
-    rows = [f"2016-12-31T12:00:{k:02d}Z,1" for k in range(40)]
+    zone = "Z" if scale == "utc" else ""
+    rows = [f"2016-12-31T12:00:{k:02d}{zone},1" for k in range(40)]
     rows[7] = f"{cell},1"
     t_ns, events = read(tmp_path, "t,x", rows, {"time": "t"}, scale=scale)
     bad = [event.detail for event in events if event.kind == "bad_row"]
     assert len(t_ns) == 39 and len(bad) == 1 and "log.csv:9, column 't'" in bad[0]
+
+
+@pytest.mark.parametrize(
+    ("cell", "order"),
+    [
+        ("24-Sep-2025 09:34:42.010", None),
+        ("24 September 2025 09:34:42.010", None),
+        ("24SEP2025T093442.01", "mdy"),
+        ("Sep 24, 2025 09:34:42.010", "dmy"),
+        ("2025-Sep-24T09:34:42.010", None),
+        ("2025:267:09:34:42.01", None),
+        ("2025-267T09:34:42.010", "dmy"),
+        ("2025 267 093442.010", None),
+        ("2025-09-24 09:34:42:010", None),
+        ("24.09.2025 09:34:42:010", "dmy"),
+        ("24092025 093442.010", "dmy"),
+        ("09242025T093442.010", "mdy"),
+        ("240925T093442.010", "dmy"),
+        ("092425 09:34:42.010", "mdy"),
+        ("250924 09:34:42.010", "ymd"),
+    ],
+)
+def test_form_of_a_recorder_is_read_in_every_cell(tmp_path: Path, cell: str, order: str | None) -> None:
+    declared: dict[str, object] = {} if order is None else {"date_order": order}
+    t_ns, events = read(tmp_path, "t,x", [f'"{cell}",1'] * 9, {"time": "t"}, scale="gps", **declared)
+    assert set(t_ns.tolist()) == {ns_of(dt.datetime(2025, 9, 24, 9, 34, 42, 10_000))} and not events
+
+
+def test_form_with_colon_before_milliseconds_takes_a_zone(tmp_path: Path) -> None:
+    t_ns, _ = read(tmp_path, "t,x", ["2025-09-24 11:34:42:010+02:00,1"], {"time": "t"}, scale="utc")
+    assert t_ns[0] == ns_of(dt.datetime(2025, 9, 24, 9, 34, 42, 10_000), 18)
+
+
+@pytest.mark.parametrize(("year", "digits"), [(1980, "80"), (1999, "99"), (2000, "00"), (2079, "79")])
+def test_year_of_two_digits_is_of_the_time_of_gps(tmp_path: Path, year: int, digits: str) -> None:
+    row = [f"2409{digits} 093442,1"]
+    t_ns, _ = read(tmp_path, "t,x", row, {"time": "t"}, scale="gps", date_order="dmy")
+    assert t_ns[0] == ns_of(dt.datetime(year, 9, 24, 9, 34, 42))
+
+
+def test_dates_and_times_of_nmea_in_two_columns_are_one_moment(tmp_path: Path) -> None:
+    columns = {"time": "clock", "date": "day"}
+    for day in ("240925", "24092025"):
+        rows = [f"{day},093442.{k}00,1" for k in range(10)]
+        t_ns, events = read(tmp_path, "day,clock,x", rows, columns, scale="gps", date_order="dmy")
+        first = ns_of(dt.datetime(2025, 9, 24, 9, 34, 42))
+        assert t_ns.tolist() == [first + k * 100_000_000 for k in range(10)] and not events
+
+
+def test_seconds_of_the_day_beside_a_date_are_read_where_declared(tmp_path: Path) -> None:
+    rows = ["2025-09-24,34482.25,1", "2025-09-24,7,1", "2025-09-24,86399.999999999,1", "2025-09-24,86400,1"]
+    columns = {"time": "clock", "date": "day"}
+    t_ns, events = read(tmp_path, "day,clock,x", rows, columns, scale="gps", unit="s")
+    day = ns_of(dt.datetime(2025, 9, 24))
+    assert (t_ns - day).tolist() == [34_482_250_000_000, 7_000_000_000, 86_399_999_999_999]
+    assert ["log.csv:5" in event.detail for event in events] == [True]
+
+
+@pytest.mark.parametrize("cell", ["2012025 093442", "9092025 093442", "10925 093442", "2025:366:09:34:42"])
+def test_digits_with_a_zero_left_out_are_no_other_date(cell: str) -> None:
+    for order in ("ymd", "dmy", "mdy"):
+        _, readable = Calendar(("t",), order, "gps", None, is_order_declared=True).to_gps([pa.array([cell])])
+        assert not readable[0]
+
+
+@pytest.mark.parametrize(
+    "cell", ["2025-08-28T17:30:22Z", "2025-08-28 17:30:22.5+02", "28-Aug-2025 17:30 UTC"]
+)
+def test_zone_where_gps_time_is_declared_is_an_error_that_names_the_key(tmp_path: Path, cell: str) -> None:
+    rows = ["2025-08-28 17:30:21,1"] * 3 + [f"{cell},1"]
+    with pytest.raises(TimeError, match=r"log.csv:5, column 't', key 'time.scale': .* has a zone") as caught:
+        read(tmp_path, "t,x", rows, {"time": "t"}, scale="gps")
+    assert "scale = 'utc'" in caught.value.advice
+
+
+def test_zone_in_a_column_of_times_contradicts_gps_time(tmp_path: Path) -> None:
+    with pytest.raises(TimeError, match="'day' and 'clock'"):
+        read(tmp_path, "day,clock,x", ["2025-08-28,17:30Z,1"], {"time": "clock", "date": "day"}, scale="gps")
+
+
+@pytest.mark.parametrize(
+    ("day", "clock", "advice"),
+    [
+        ("2025-09-24", "34482.000", "time.unit = 's'"),
+        ("240925", "093442.000", "'dmy' if this is 2025-09-24"),
+        ("24092025", "093442.000", "'dmy' if this is 2025-09-24"),
+        ("24-Okt-2025", "09:34:42", "English names"),
+    ],
+)
+def test_dates_of_two_columns_are_refused_with_the_key_that_reads_them(
+    tmp_path: Path, day: str, clock: str, advice: str
+) -> None:
+    with pytest.raises(ColumnError) as caught:
+        read(
+            tmp_path, "day,clock,x", [f"{day},{clock},1"] * 20, {"time": "clock", "date": "day"}, scale="gps"
+        )
+    assert advice in caught.value.advice
 
 
 @pytest.mark.parametrize(
@@ -237,6 +335,14 @@ def test_cell_that_is_no_moment_refuses_its_row_by_line_and_column(
         ({"origin": "unix_epoch"}, "2025-08-28 17:30:22", "origin = 'calendar' and scale = 'utc'"),
         ({}, "17:30:22.961", "columns.date"),
         ({}, "2025-08-28", "columns.date"),
+        ({"origin": "calendar", "scale": "utc"}, "45924.3991", "days since 1899-12-30"),
+        ({"origin": "calendar", "scale": "utc"}, "24-Sep-2025", "no time of day"),
+        ({"origin": "calendar", "scale": "utc"}, "24092025", "no time of day"),
+        ({"origin": "calendar", "scale": "utc"}, "24/09/25 17:30:22", "four digits"),
+        ({}, "24-Sep-2025 09:34:42.000", "origin = 'calendar' and scale = 'utc'"),
+        ({}, "2025:267:09:34:42.0", "origin = 'calendar' and scale = 'utc'"),
+        ({}, "24.09.2025 09:34:42", "origin = 'calendar', date_order = 'dmy' and scale = 'utc'"),
+        ({}, "24-Sep-2025", "columns.date"),
         ({}, "abc", "which column holds what"),
     ],
 )

@@ -124,12 +124,29 @@ def test_missing_signal_column_is_assumed_and_told(tmp_path: Path) -> None:
     assert sorted(event.kind for event in events) == ["no_range_rate", "signal_assumed"]
 
 
-@pytest.mark.parametrize(
-    ("written", "code"), [("C1C", "C1C"), ("L1C", "C1C"), ("1c", "C1C"), ("L1 C/A", "L1 C/A")]
-)
+@pytest.mark.parametrize(("written", "code"), [("C1C", "C1C"), ("L1C", "C1C"), ("1c", "C1C"), ("C1M", "C1M")])
 def test_signals_are_named_by_their_pseudorange_code(tmp_path: Path, written: str, code: str) -> None:
     table, _ = read(tmp_path, [line.replace("C1C", written) for line in gnss_lines()])
     assert table.signal_names[table.signal[0]] == code
+
+
+@pytest.mark.parametrize("written", ["L1 C/A", "GPS_L1", "C2I"])
+def test_log_whose_signals_all_have_unknown_names_is_an_error(tmp_path: Path, written: str) -> None:
+    with pytest.raises(
+        ColumnError, match=f"gnss.csv:2, column 'signal': unknown signal '{written}'"
+    ) as caught:
+        read(tmp_path, [line.replace("C1C", written) for line in gnss_lines()])
+    assert "write RINEX codes such as C1C" in caught.value.advice
+
+
+def test_unknown_signal_of_some_rows_is_an_event_and_stays_for_the_ledger(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines[0], lines[4] = (line.replace("C1C", "L1 C/A") for line in (lines[0], lines[4]))
+    path = write_lines(tmp_path / "gnss.csv", [GNSS_HEADER, *lines])
+    table, events = read_gnss(gnss_config(path), WEEK)
+    assert len(table.t_ns) == len(lines) and table.signal_names[table.signal[0]] == "L1 C/A"
+    assert [event.kind for event in events] == ["unknown_signal"]
+    assert "unknown signal 'L1 C/A' in 2 row(s)" in events[0].detail
 
 
 def test_empty_signal_cells_are_assumed(tmp_path: Path) -> None:

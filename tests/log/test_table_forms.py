@@ -320,8 +320,9 @@ def bare(system: Callable[[str], str], number: Callable[[int], str] = str) -> li
     """Return a log whose satellites are numbers beside a column of constellations."""
     lines = []
     for line in gnss_lines(5, NAMES):
-        time, name, *others = line.split(",")
-        lines.append(",".join([time, system(name[0]), number(int(name[1:])), *others]))
+        time, name, signal, *others = line.split(",")
+        signal = "C2I" if name[0] == "C" else signal
+        lines.append(",".join([time, system(name[0]), number(int(name[1:])), signal, *others]))
     return [GNSS_HEADER.replace("sv", "sys,prn"), *lines]
 
 
@@ -368,6 +369,26 @@ def test_codes_of_constellations_that_nobody_declares_are_an_error_that_names_th
     assert caught.value.column == "sys"
 
 
+@pytest.mark.parametrize(
+    ("code", "key"), [("GPS L1", '"GPS L1" ='), ("", '"" ='), ("1.5", '"1.5" ='), ("g_1", "g_1 =")]
+)
+def test_proposed_key_has_the_quotes_that_toml_needs(tmp_path: Path, code: str, key: str) -> None:
+    with pytest.raises(ColumnError) as caught:
+        gnss(tmp_path, bare(lambda _: code), columns={"sv": "prn", "system": "sys"})
+    assert f"gnss.system_codes = {{ {key} 'G'" in caught.value.advice
+
+
+def test_names_that_all_contradict_the_constellation_are_an_error_that_says_so(tmp_path: Path) -> None:
+    lines = bare(lambda _: "R", lambda number: f"G{number:02d}")
+    with pytest.raises(ColumnError, match="its name says G, the column 'sys' says R"):
+        gnss(tmp_path, lines, columns={"sv": "prn", "system": "sys"})
+
+
+def test_one_constellation_and_a_column_of_them_contradict_each_other() -> None:
+    with pytest.raises(ValueError, match=r"system = 'G' declares one constellation.*columns.system = 'sys'"):
+        gnss_config(Path("gnss.csv"), system="G", columns={"system": "sys"})
+
+
 def test_rows_of_a_code_that_is_not_declared_are_refused_with_the_key(tmp_path: Path) -> None:
     codes = {code: letter for letter, code in CODES.items() if letter != "E"}
     columns = {"sv": "prn", "system": "sys"}
@@ -383,6 +404,7 @@ def test_rows_whose_two_columns_contradict_each_other_are_refused_with_an_event(
     assert names == ["G05"] * 5
     assert [event.kind for event in events] == ["bad_row"] * 3
     assert "'G07' of constellation 'E' names no satellite; 5 row(s) refused" in events[0].detail
+    assert "its name says G, the column 'sys' says E" in events[0].detail
 
 
 @pytest.mark.parametrize(

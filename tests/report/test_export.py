@@ -122,6 +122,30 @@ def test_geojson_is_one_line_with_times_and_points_for_the_events() -> None:
     assert [p["properties"]["kind"] for p in points] == ["start", "heading_known", "imu_gap"]
 
 
+def test_geojson_over_the_antimeridian_is_in_parts_that_end_at_it() -> None:
+    run = made_run()
+    nav = run.nav.iloc[:6].copy()
+    nav["lon_deg"] = [179.8, 179.9, -179.9, 180.0, -179.7, -179.6]
+    nav["lat_deg"] = [-17.0, -17.1, -17.3, -17.4, -17.5, -17.6]
+    run.nav = nav
+
+    line = json.loads(as_geojson(run))["features"][0]
+
+    assert line["geometry"]["type"] == "MultiLineString"
+    parts = line["geometry"]["coordinates"]
+    assert [[point[:2] for point in part] for part in parts] == [
+        [[179.8, -17.0], [179.9, -17.1], [180.0, -17.2]],
+        [[-180.0, -17.2], [-179.9, -17.3], [-180.0, pytest.approx(-17.4)]],
+        [[180.0, pytest.approx(-17.4)], [180.0, -17.4], [180.0, -17.4]],
+        [[-180.0, -17.4], [-179.7, -17.5], [-179.6, -17.6]],
+    ]
+    for name in ("time_utc", "sd_horizontal_m"):
+        assert [len(part) for part in line["properties"][name]] == [len(part) for part in parts]
+    whole = utc_texts(nav["time_s"].to_numpy(), WEEK)
+    assert whole[1] < line["properties"]["time_utc"][0][2] < whole[2]
+    assert [name in line["properties"] for name in ("name", "time_utc")] == [True, True]
+
+
 def test_csv_is_the_navigation_table_to_the_last_bit(tmp_path: Path) -> None:
     run = made_run()
 

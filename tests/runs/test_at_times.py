@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ import insgnss
 from insgnss.errors import ResultError
 from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.result import Run
+from insgnss.runs.wanted_times import week_seconds
 from tests.runs.scenes import LEVER_ARM_B, START_S, flight, turns
 
 ANY = InterpolationLimits(1e9, 1e9, 1e9)
@@ -92,7 +94,7 @@ def test_row_at_the_time_of_a_row_is_that_row() -> None:
     pd.testing.assert_frame_equal(found, chosen, check_exact=True)
 
 
-@pytest.mark.parametrize("time_s", [START_S - 1.0, START_S + 1e4, float("nan")])
+@pytest.mark.parametrize("time_s", [START_S - 1.0, START_S + 1e4])
 def test_time_outside_the_run_is_an_error(time_s: float) -> None:
     with pytest.raises(ResultError, match="1 of 2 times are outside the run"):
         steps().at([START_S + 80.0, time_s])
@@ -126,3 +128,65 @@ def test_yaw_goes_the_short_way_round() -> None:
     found = rows_at(nav, [middle], ANY)
 
     assert abs(abs(float(found["yaw_deg"].iloc[0])) - 180.0) < 1e-6
+
+
+def test_dates_of_the_run_give_its_rows_back() -> None:
+    """The index of ``nav_with(utc=True)``, its texts and its ``datetime`` objects are the times of the rows."""
+    run = steps()
+    chosen = run.nav_with(utc=True).iloc[[17, 5000, 6000]]
+    rows = chosen.reset_index(drop=True)
+    east = chosen.index.tz_convert("Asia/Kolkata")
+    texts = [f"{date:%Y-%m-%dT%H:%M:%S.%f}Z" for date in chosen.index]
+
+    for dates in (
+        chosen.index,
+        east,
+        east.to_series(),
+        list(chosen.index),
+        chosen.index.to_pydatetime(),
+        texts,
+    ):
+        pd.testing.assert_frame_equal(run.at(dates), rows, check_exact=True)
+    pd.testing.assert_frame_equal(run.at(texts[1]), rows.iloc[[1]].reset_index(drop=True), check_exact=True)
+    pd.testing.assert_frame_equal(run.at(east[1]), rows.iloc[[1]].reset_index(drop=True), check_exact=True)
+
+
+def test_leap_seconds_of_dates_are_those_in_force_at_each() -> None:
+    week = 1929  # 2016-12-31 is its Saturday, with the leap second at its end
+    dates = pd.DatetimeIndex(["2016-12-31T23:59:59.5", "2017-01-01T00:00:00"], tz="UTC")
+    seconds = week_seconds(dates, week, ResultError)
+    texts = ["2016-12-31T23:59:59.5Z", "2016-12-31T23:59:60.5Z", "2017-01-01T02:00:00+02:00"]
+
+    assert seconds.tolist() == [604_800 + 16.5, 604_800 + 18.0]
+    assert week_seconds(texts, week, ResultError).tolist() == [604_816.5, 604_817.5, 604_818.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (["noon"], "value 1 of 1, 'noon', is not a time"),
+        ("noon", "'noon', is not a time"),
+        ([START_S + 80.0, float("nan")], "value 2 of 2, nan, is not a finite number"),
+        (["2025-09-24T09:36:22"], "value 1 of 1, '2025-09-24T09:36:22', has no zone"),
+        (pd.DatetimeIndex(["2025-09-24T09:36:22"]), "has no zone"),
+        (np.array(["2025-09-24T09:36:22"], "datetime64[ns]"), "has no zone"),
+        ([START_S + 80.0, pd.Timestamp("2025-09-24T09:36:22")], "value 2 of 2, .* has no zone"),
+        (pd.DatetimeIndex(["2025-09-24T09:36:22Z", None]), "value 2 of 2, NaT"),
+        ([pd.NaT], "value 1 of 1, NaT, is not a time"),
+        ([START_S, None], "value 2 of 2, None, is not a time"),
+        (pd.TimedeltaIndex([1]), "neither numbers nor dates"),
+        (["2024-09-24T09:36:22Z"], "outside the run"),
+    ],
+)
+def test_value_that_is_not_a_time_is_an_error_that_names_it(times: Any, told: str) -> None:
+    with pytest.raises(ResultError, match=told) as caught:
+        steps().at(times)
+    assert "zone" in caught.value.advice or "rows reach from" in caught.value.advice
+
+
+def test_dates_need_the_week_of_the_run() -> None:
+    nav = steps().nav.copy()
+    nav.attrs = {}
+
+    with pytest.raises(ResultError, match="GPS week"):
+        rows_at(nav, ["2025-09-24T09:36:22Z"], ANY)

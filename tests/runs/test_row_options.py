@@ -10,8 +10,10 @@ from typer.testing import CliRunner
 
 from insgnss.cli.main import app
 from insgnss.cli.rows import point_of, read_times, rows_wanted
+from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ColumnError, ConfigError, InputError, MissingFileError
 from insgnss.runs.result import Run
+from insgnss.runs.wanted_rows import output_of
 from tests.conftest import REPOSITORY
 
 SAMPLE = str(REPOSITORY / "data" / "sample_flight" / "flight.toml")
@@ -33,6 +35,13 @@ def test_command_writes_rows_at_the_times_of_a_file_for_a_point(command: str, tm
     assert {"q_nb_w", "cov_n_e_m2", "cov_point_vn_vd_m2ps2"} <= set(nav.columns)
 
 
+@pytest.mark.parametrize("rate", ["gnss", "10"])
+def test_summary_counts_the_pseudoranges_of_each_epoch_at_any_rate(rate: str) -> None:
+    told = CliRunner().invoke(app, ["replay", SAMPLE, "--rate", rate])
+
+    assert "pseudoranges used per epoch, a satellite once for each band: 6 to 11, mean 10.3" in told.output
+
+
 @pytest.mark.parametrize(
     "text", ["1.5\n2.5\n", "time_s\n1.5\n2.5\n", "\ufefftime_s,x\n1.5,a\n2.5,b\n", "seconds\n1.5\n\n2.5\n"]
 )
@@ -44,14 +53,56 @@ def test_times_are_read_with_or_without_a_name(text: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "time_s;frame\n293800,25;1\n293900,5;2\n",
+        "# camera 1\n\nframe;time_s;\n1;293800.25;\n# battery changed\n2;293900.50;\n",
+        "x\ttime_s\n7\t293800.25\n7\t293900.5\n",
+        "frame  time_s\n1   293800.25\n22  293900.5\n",
+        'time_s,frame\n"293800,25",1\n"293900,5",2\n',
+    ],
+)
+def test_times_are_read_whatever_parts_the_columns(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "times.csv"
+    path.write_text(text, encoding="utf-8")
+
+    assert read_times(path) == [293800.25, 293900.5]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "utc\n2025-09-24T09:36:22.25Z\n2025-09-28T02:00:00+02:00\n",
+        "2025-09-24T09:36:22.25Z\n2025-09-28T02:00:00+02:00\n",
+        "2025-09-24 09:36:22.25Z\n2025-09-28 02:00:00 +02:00\n",
+        "frame;time_s\n1;2025-09-24T09:36:22,25Z\n2;2025-09-28T00:00:00Z\n",
+    ],
+)
+def test_dates_of_a_file_are_utc_also_in_the_next_week(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "times.csv"
+    path.write_text(text, encoding="utf-8")
+
+    t_ns = output_of(read_times(path), 2385)
+
+    assert ((np.asarray(t_ns) - 2385 * NS_PER_WEEK) / 1e9).tolist() == [293800.25, 604818.0]
+
+
+@pytest.mark.parametrize(
     ("text", "kind", "told"),
     [
         ("", InputError, "holds no times"),
         ("time_s\n", InputError, "holds no times"),
         ("t,x\n1,2\n", ColumnError, r"times.csv:1: no column 'time_s'"),
-        ("1.5\nnoon\n", ColumnError, r"times.csv:2, column 'time_s': no time"),
+        ("1.5\nnoon\n", ColumnError, r"times.csv:2, column 'time_s': 'noon' is not a time"),
         ("x,time_s\n1,1.5\n2\n", ColumnError, r"times.csv:3"),
         ("time_s\nnan\n", ColumnError, r"times.csv:2"),
+        ("time_s\n293800,25\n", ColumnError, r"times.csv:2.*has a comma"),
+        ("time_s;x\n293,800;1\n", ColumnError, r"times.csv:2.*has a comma"),
+        ("time_s,x\n\n293800,25,1\n", ColumnError, r"times.csv:3.*3 cells, and the header names 2"),
+        ("293800,25\n293900,5\n", ColumnError, r"times.csv:1: no column"),
+        ("1;2\n", ColumnError, r"times.csv:1: no column"),
+        ("# a\nutc\n2025-09-24T09:36:22\n", ColumnError, r"times.csv:3, column 'time_s|utc': .* has no zone"),
+        ("time_s\n1_000\n", ColumnError, r"times.csv:2"),
     ],
 )
 def test_times_that_cannot_be_read_are_an_error_with_their_line(

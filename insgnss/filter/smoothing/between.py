@@ -119,19 +119,36 @@ def smoothed(
 
 def _told_of(nodes: Nodes, way: Float64, onward: NextEpoch, n: int) -> tuple[Float64, Float64]:
     """Return correction (m, n) and covariance (m, n, n); ``way`` is Phi from the piece's beginning to the epoch."""
-    at_step, at_time = np.linalg.inv(nodes.Phi_step), np.linalg.inv(nodes.Phi)
-    F, P_step = (nodes.Phi @ at_step)[:, :n], nodes.P_step
-    Q = nodes.P[:, :n] - F @ P_step @ (nodes.Phi @ at_step).transpose(0, 2, 1)
-    gain, of_noise = (
-        regression((P @ (way @ back).transpose(0, 2, 1)).reshape(-1, len(way)), onward.prior).reshape(P.shape)
-        for P, back in ((P_step, at_step), (Q, at_time))
-    )
-    carried = F @ gain
+    first, step = _distinct_steps(nodes)
+    P_step, back = nodes.P_step[first], np.linalg.inv(nodes.Phi_step[first])
+    gain = _gain(P_step, way @ back, onward)
+    change_at_step = P_step + gain @ onward.change @ gain.transpose(0, 2, 1)
+    whole_F = nodes.Phi @ back[step]
+    F = whole_F[:, :n]
+    Q = nodes.P[:, :n] - F @ P_step[step] @ whole_F.transpose(0, 2, 1)
+    of_noise = _gain(Q, way @ np.linalg.inv(nodes.Phi), onward)
+    carried = F @ gain[step]
     crossed = carried @ onward.change @ of_noise.transpose(0, 2, 1)
-    smoothed = F @ (P_step + gain @ onward.change @ gain.transpose(0, 2, 1)) @ F.transpose(0, 2, 1)
+    smoothed = F @ change_at_step[step] @ F.transpose(0, 2, 1)
     smoothed += Q[:, :, :n] + crossed + crossed.transpose(0, 2, 1)
     smoothed += of_noise @ onward.change @ of_noise.transpose(0, 2, 1)
     return (carried + of_noise) @ onward.step, smoothed
+
+
+def _distinct_steps(nodes: Nodes) -> tuple[Int64, Int64]:
+    """Return the first time of each step of the covariance, and the number of its step for each time.
+
+    At a hundred times the rate of the steps, a hundred times share one inverse and one gain.
+    """
+    other = [(matrix[1:] != matrix[:-1]).any(axis=(1, 2)) for matrix in (nodes.P_step, nodes.Phi_step)]
+    new = np.append(True, other[0] | other[1])
+    return np.flatnonzero(new), np.cumsum(new) - 1
+
+
+def _gain(P: Float64, way: Float64, onward: NextEpoch) -> Float64:
+    """Return P Phi(k+1, t)^T (P^-)^-1 of covariances (m, n, q) and ways (m, q, q) to the next epoch."""
+    crosses = P @ way.transpose(0, 2, 1)
+    return regression(crosses.reshape(-1, way.shape[-1]), onward.prior).reshape(P.shape)
 
 
 def regression(cross: Float64, P: Float64) -> Float64:

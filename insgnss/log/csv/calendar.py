@@ -13,15 +13,16 @@ import pyarrow.compute as pc
 
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import LEAP_SECONDS, UNIX_TO_GPS_S
+from insgnss.log.csv.date_forms import DateForm, with_numbers
 from insgnss.tables import Bool, Int64
 
 _SHORTEST: Final = len("2025-08-28T17:30:22")  # pyarrow takes a date alone for its midnight
 _FIRST_YEAR, _LAST_YEAR = 1969, 2261  # local dates of nanoseconds since 1970 in 64 bits
 _UNIX_EPOCH: Final = dt.datetime(1970, 1, 1)
 _DAY: Final = dt.timedelta(days=1)
-_FRACTION: Final = r"^(?P<before>[^Tt\s]*[Tt\s]+[\d:]+)(?:(?P<mark>[.,])(?P<fraction>\d+))?(?P<after>[^.,]*)$"
-_COMPACT_DATE: Final = re.compile(r"^(\d{4})(\d\d)(\d\d)(?=[Tt\s])")
-_COMPACT_TIME: Final = re.compile(r"(?<=[Tt\s])(\d\d)(\d\d)(\d\d)")
+_FRACTION: Final = r"^(?P<before>.*?[Tt\s:]\d[\d:]*)(?:(?P<mark>[.,])(?P<fraction>\d+))?(?P<after>[^.,]*)$"
+_COLON_MS: Final = r"(:\d\d:\d\d):(\d{3})([^\d:].*)?$"  # 17:30:22:961
+_ZONE: Final = r"[Tt\s:]\d[\d:]*([.,]\d+)?\s*([AaPp][Mm])?\s*([Zz]|UTC|[+-]\d\d(:?\d\d)?)$"
 _MOMENT: Final = re.compile(
     r"(\d+)([-/.])(\d\d?)\2(\d+)(?:[Tt]|\s+)(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)[.,]?)?"
     r"\s*(?:(?P<half>[AaPp])[Mm])?\s*(?:[Zz]|UTC|(?P<east>[+-]\d\d):?(?P<minutes>\d\d)?)?",
@@ -54,12 +55,19 @@ class Calendar:
     order: Literal["ymd", "dmy", "mdy"]
     scale: Literal["gps", "utc"]
     leap_seconds: int | None
+    is_order_declared: bool = False  # dates of six digits are read then
+    has_day_seconds: bool = (
+        False  # the flight file says that a number in the column of times is seconds of the day
+    )
 
     def to_gps(self, parts: list[pa.Array]) -> tuple[Int64, Bool]:
         """Return GPS time [ns] of each cell, and which cells are dates with a time; fractions round half to even."""
-        cells = self.joined(parts)
+        return self.text_to_gps(self.joined(parts))
+
+    def text_to_gps(self, cells: pa.Array) -> tuple[Int64, Bool]:
+        """Return the same of cells that hold both date and time."""
         found = _iso_8601(cells) if self.order == "ymd" else None
-        unix_ns, leap, readable = _any_form(cells, self.order) if found is None else found
+        unix_ns, leap, readable = _any_form(cells, self.form) if found is None else found
         unix_s = unix_ns // NS_PER_S
         readable &= unix_s >= 0
         shift_s = leap.astype(np.int64) - UNIX_TO_GPS_S
@@ -71,6 +79,19 @@ class Calendar:
             readable &= ~leap
         return np.where(readable, unix_ns + shift_s * NS_PER_S, 0), readable
 
+    @property
+    def form(self) -> DateForm:
+        """What the flight file declares about the text of a date."""
+        return DateForm(self.order, self.is_order_declared, self.has_day_seconds and len(self.columns) == 2)
+
+    def contradicting_cell(self, parts: list[pa.Array]) -> tuple[int, str] | None:
+        """Return the first cell with a zone, which only UTC has, where GPS time is declared; None without one."""
+        if self.scale == "utc" or not len(parts[0]):
+            return None
+        cells = self.joined(parts)
+        place = pc.index(has_zone(cells), True).as_py()
+        return None if place < 0 else (place, cells[place].as_py())
+
     def joined(self, parts: list[pa.Array]) -> pa.Array:
         """Return the cells of one or two columns as one column of strings."""
         stripped = [pc.ascii_trim_whitespace(part) for part in parts]
@@ -79,6 +100,11 @@ class Calendar:
 
 def _join(parts: list[pa.Array], between: str) -> pa.Array:
     return pc.binary_join_element_wise(*parts, pa.scalar(between, parts[0].type))
+
+
+def has_zone(cells: pa.Array) -> pa.Array:
+    """Return whether each cell of dates and times ends in a zone: Z, UTC or an offset."""
+    return pc.match_substring_regex(cells, _ZONE)
 
 
 def _leap_seconds(unix_s: Int64) -> Int64:
@@ -98,22 +124,23 @@ def _iso_8601(cells: pa.Array) -> tuple[Int64, Bool, Bool] | None:
     return unix_ns, np.zeros(len(cells), np.bool_), np.ones(len(cells), np.bool_)
 
 
-def _any_form(cells: pa.Array, order: str) -> tuple[Int64, Bool, Bool]:
+def _any_form(cells: pa.Array, form: DateForm) -> tuple[Int64, Bool, Bool]:
     """Return Unix time [ns], which cells are leap seconds, and which can be read.
 
     The text around the fraction is the same for all cells of a second, and read once; the fraction is read for each.
     """
-    parts = pc.extract_regex(cells, _FRACTION)
+    parts = pc.extract_regex(pc.replace_substring_regex(cells, _COLON_MS, r"\1.\2\3"), _FRACTION)
     before, mark, fraction, after = (pc.fill_null(part, "") for part in parts.flatten())
     around = _join([before, mark, after], "").dictionary_encode()
-    moments = [_moment(text, order) for text in around.dictionary.to_pylist()]
+    moments = [_moment(text, form) for text in around.dictionary.to_pylist()]
     found = np.array(moments or [_UNREADABLE], np.int64)[around.indices.to_numpy(zero_copy_only=False)]
     return found[:, 0] * NS_PER_S + _nanoseconds(fraction), found[:, 1] == 1, found[:, 2] == 1
 
 
-def _moment(text: str, order: str) -> _Moment:
-    """Return what a date with its time and zone means; a year has four digits."""
-    match = _MOMENT.fullmatch(_COMPACT_TIME.sub(r"\1:\2:\3", _COMPACT_DATE.sub(r"\1-\2-\3", text)))
+def _moment(text: str, form: DateForm) -> _Moment:
+    """Return what a date with its time and zone means."""
+    text, order = with_numbers(text, form)
+    match = _MOMENT.fullmatch(text)
     if match is None:
         return _UNREADABLE
     date = dict(zip(order, (match[1], match[3], match[4]), strict=True))

@@ -1,4 +1,4 @@
-"""Cells of a CSV file as numbers, and the advice for cells that are not numbers."""
+"""Cells of a CSV file as numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from insgnss.tables import Bool, Float64, Int64
 # Cells that mean "no value"; any other cell that is not a number is a bad cell
 EMPTY_CELLS: Final = ("", *"nan NaN NAN -nan na NA n/a N/A null NULL none None".split())
 DECIMALS: Final = pa.decimal128(38, 18)
-_NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _PLAIN: Final = r"^[+-]?\d{1,18}(\.\d{1,18})?$"  # fits ``DECIMALS``
 _OTHER_MARK: Final = {
     ".": re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"),
@@ -25,8 +25,6 @@ _THOUSANDS: Final = {
     ".": re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?"),
     ",": re.compile(r"[+-]?\d{1,3}([.' \u00a0\u202f_]\d{3})+(,\d*)?"),
 }
-_DATE: Final = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}|\d{8}(?=[Tt])")
-_CLOCK: Final = re.compile(r"(?:.*[Tt\s])?\d\d?:\d\d")
 _INT64_MAX: Final = 2**63 - 1
 _DIGITS_OF_INT64: Final = 19
 
@@ -35,7 +33,7 @@ def _pointed(cells: pa.Array, decimal: str) -> tuple[pa.Array, pa.Array]:
     """Return the cells with a decimal point and no leading plus, null where they are not numbers, and which are."""
     if decimal != ".":
         cells = pc.replace_substring(pc.replace_substring(cells, ".", "?"), decimal, ".")
-    is_number = pc.match_substring_regex(cells, _NUMBER)
+    is_number = pc.match_substring_regex(cells, NUMBER)
     return pc.utf8_ltrim(pc.if_else(is_number, cells, None), characters="+"), is_number
 
 
@@ -87,37 +85,3 @@ def foreign_number(cell: str, decimal: str) -> tuple[str, str] | None:
             " [reference]); thousands separators cannot be read: write the file with a decimal point alone",
         )
     return None
-
-
-def number_advice(cell: str) -> str:
-    """Return the advice for a column of numbers that holds cells like this one."""
-    date, clock = _DATE.match(cell), _CLOCK.match(cell)
-    if date and clock:
-        return (
-            "these are dates: write origin = 'calendar' and scale = 'utc' (or 'gps') under [imu.time], [gnss.time] or"
-            " [reference.time]"
-        )
-    if clock:
-        return "these are times of day: name the column of their dates as columns.date, with time.origin = 'calendar'"
-    if date:
-        return "these are dates: name this column as columns.date, that of the times of day as columns.time"
-    return "check under 'columns' in the flight file which column holds what"
-
-
-def date_advice(cell: str, order: str) -> str:
-    """Return the advice for a column of dates and times that holds cells like this one."""
-    date, clock = _DATE.match(cell), _CLOCK.match(cell)
-    if re.match(_NUMBER, cell):
-        return (
-            "these are numbers, not dates: declare time.unit and time.origin ('gps_week', 'gps_epoch' or 'unix_epoch')"
-            " instead of origin = 'calendar'"
-        )
-    if clock and not date:
-        return "there is no date: name the column of dates as columns.date"
-    if date and not clock:
-        return "there is no time of day: name this column as columns.date, that of the times as columns.time"
-    example = {"ymd": "2025-08-28", "dmy": "28.08.2025", "mdy": "08/28/2025"}[order]
-    return (
-        f"time.date_order = '{order}' reads {example} 17:30:22.961, with T or a space between them, and a zone (Z,"
-        " +02:00) after them; the orders are 'ymd', 'dmy' and 'mdy'"
-    )

@@ -20,9 +20,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from insgnss.errors import ColumnError
+from insgnss.errors import ColumnError, TimeError
 from insgnss.log.csv.calendar import Calendar
-from insgnss.log.csv.cells import EMPTY_CELLS, date_advice, floats, foreign_number, integers, number_advice
+from insgnss.log.csv.cell_advice import date_advice, number_advice
+from insgnss.log.csv.cells import EMPTY_CELLS, floats, foreign_number, integers
 from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
@@ -85,6 +86,7 @@ def read_exact(
     Raises
     ------
     ColumnError : numbers written in another way than declared, or more than 5 % of the rows are bad
+    TimeError : dates have a zone, and GPS time is declared
     """
     data = _utf8(buffer)
     cut = last_line_is_cut(memoryview(data), dialect.delimiter)
@@ -123,7 +125,16 @@ class _ColumnReader:
 
     def read_dates(self, calendar: Calendar, parts: list[pa.Array]) -> None:
         self.rows.exact[calendar.columns[-1]], readable = calendar.to_gps(parts)
-        name, advice = "' and '".join(calendar.columns), partial(date_advice, order=calendar.order)
+        name, advice = "' and '".join(calendar.columns), partial(date_advice, calendar=calendar)
+        if (zoned := calendar.contradicting_cell(parts)) is not None:
+            raise TimeError(
+                f"'{_short(zoned[1])}' has a zone, and the flight file declares GPS time, which has none",
+                file=self.path,
+                line=int(self.lines[zoned[0]]),
+                column=name,
+                key="time.scale",
+                advice="write scale = 'utc' where 'gps' stands; dates in GPS time are written without a zone",
+            )
         self._refuse_rows(name, calendar.joined(parts), readable, "not a date and time", advice)
 
     def read_integers(self, name: str, cells: pa.Array, digits: int) -> None:

@@ -101,7 +101,7 @@ class _Parser:
         columns = {name: self._values(name, column) for name, column in cells.items()}
         if self.wanted.calendar is not None:
             columns[self.wanted.dates[-1]], readable = self.wanted.calendar.to_gps(dates)
-            if not readable.all():
+            if not readable.all() or self.wanted.calendar.contradicting_cell(dates) is not None:
                 raise _NotPlainError
         return columns
 

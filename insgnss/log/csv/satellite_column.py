@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from insgnss.errors import ColumnError
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.satellites import bare_number, normalised_name, numbered_name, system_letter
 from insgnss.tables import Event, Int16, Int64
+
+_BARE_KEY: Final = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class _SatelliteCell(NamedTuple):
@@ -46,7 +50,11 @@ def read_satellites(
         if name is None:
             count = int(np.count_nonzero(codes == code))
             unknown = cells.system is not None and system_letter(cells.system, config.system_codes) is None
-            more = "; declare its constellation in gnss.system_codes" if unknown else ""
+            more = (
+                "; declare its constellation in gnss.system_codes"
+                if unknown
+                else _contradiction(cells, config)
+            )
             events.append(
                 Event(None, "bad_row", f"{path}: {cells} names no satellite; {count} row(s) refused{more}")
             )
@@ -80,10 +88,26 @@ def _nameless(first: _SatelliteCell, config: ObservationLog, path: Path) -> Colu
     column, advice = names.sv, "write satellites as in RINEX 3, the system's letter and the number: G05, E11"
     if first.system is not None and system_letter(first.system, config.system_codes) is None:
         column = names.system
-        advice = f"say what its cells mean: gnss.system_codes = {{ {first.system or 1} = 'G', ... }}"
+        advice = f"say what its cells mean: gnss.system_codes = {{ {_toml_key(first.system)} = 'G', ... }}"
+    elif contradiction := _contradiction(first, config):
+        advice = f"{contradiction[2:]}: correct the one that is wrong, or leave columns.system out"
     elif first.system is None and config.system is None and bare_number(first.satellite) is not None:
         advice = (
             "these are bare numbers: name the column of their constellations as gnss.columns.system, declare one for"
             " all of them (gnss.system = 'G'), or write G05, E11"
         )
     return ColumnError(f"no cell names a satellite: {first}, ...", file=path, column=column, advice=advice)
+
+
+def _contradiction(written: _SatelliteCell, config: ObservationLog) -> str:
+    """Return that name and column state different constellations, "" where they do not."""
+    own = normalised_name(written.satellite)
+    letter = None if written.system is None else system_letter(written.system, config.system_codes)
+    if own is None or letter is None or own[0] == letter:
+        return ""
+    return f"; its name says {own[0]}, the column '{config.columns.system}' says {letter}"
+
+
+def _toml_key(text: str) -> str:
+    """Return text as a key of TOML, in quotes where it needs them."""
+    return text if _BARE_KEY.fullmatch(text) else json.dumps(text, ensure_ascii=False)

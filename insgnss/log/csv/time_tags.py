@@ -43,7 +43,15 @@ def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
     wanted = replace(wanted, decimal=log.decimal)
     if scale.origin == "calendar":
         columns = (names.time,) if names.date == NO_COLUMN else (names.date, names.time)
-        calendar = Calendar(columns, scale.date_order, scale.scale, scale.leap_seconds)
+        declared = scale.model_fields_set
+        calendar = Calendar(
+            columns,
+            scale.date_order,
+            scale.scale,
+            scale.leap_seconds,
+            is_order_declared="date_order" in declared,
+            has_day_seconds="unit" in declared and len(columns) == 2,
+        )
         return replace(wanted, calendar=calendar)
     if is_exact(scale):
         return replace(wanted, exact={names.time: _DIGITS[scale.unit]})

@@ -1,0 +1,105 @@
+"""Dates with names of months, days of the year or digits alone, written as year, month and day with marks between."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+_MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_MONTH: Final = (
+    r"(?P<month>jan(?:uary)?|feb(?:ruary)?|mar(?:ch)?|apr(?:il)?|may|june?|july?|aug(?:ust)?|sept?(?:ember)?|"
+    r"oct(?:ober)?|nov(?:ember)?|dec(?:ember)?)\.?"
+)
+_BETWEEN: Final = r"(?:[-/.,]\s?|\s)"
+_DAY: Final = r"(?P<day>\d\d?)"
+_YEAR: Final = r"(?P<year>\d{4})"
+_NAMED: Final = [
+    re.compile(rf"{pattern}(?=[Tt\s])", re.IGNORECASE | re.ASCII)
+    for pattern in (
+        f"{_DAY}{_BETWEEN}?{_MONTH}{_BETWEEN}?{_YEAR}",  # 24-Sep-2025, 24 Sep 2025, 24Sep2025
+        f"{_MONTH}{_BETWEEN}{_DAY}{_BETWEEN}+{_YEAR}",  # Sep 24, 2025
+        f"{_YEAR}{_BETWEEN}{_MONTH}{_BETWEEN}{_DAY}",  # 2025-Sep-24
+    )
+]
+_DAY_OF_YEAR: Final = re.compile(r"(\d{4})[-/: ](\d{3})(?:[Tt\s]+|:)(?=\d)", re.ASCII)
+_COMPACT: Final = re.compile(r"(\d{6}|\d{8})(?=[Tt\s])", re.ASCII)
+_COMPACT_TIME: Final = re.compile(r"(?<=[Tt\s])(\d\d)(\d\d)(\d\d)", re.ASCII)
+_DAY_SECONDS: Final = re.compile(r"(?<=[Tt])\d{1,5}(?=[.,]?$)", re.ASCII)
+_SECONDS_PER_DAY: Final = 86_400
+_FIRST_SHORT_YEAR: Final = 80  # NMEA's years of two digits: 80 to 99 are 1980 to 1999
+
+
+class DateForm(NamedTuple):
+    """What is declared about the text of a date with its time."""
+
+    order: str
+    is_order_declared: bool = False
+    has_day_seconds: bool = False
+
+
+def with_numbers(text: str, form: DateForm) -> tuple[str, str]:
+    """Return a date and time with numbers and marks between them, and the order of its year, month and day.
+
+    A month's name and a day of the year need no declared order. Six digits are read where the order is declared.
+    Text in none of these forms stays.
+    """
+    if form.has_day_seconds:
+        text = _DAY_SECONDS.sub(_clock, text)
+    text = _COMPACT_TIME.sub(r"\1:\2:\3", text)
+    for expression, date in _FORMS:
+        if match := expression.match(text):
+            found = date(match, form)
+            return (text, form.order) if found is None else (f"{found[0]}T{_rest(text, match)}", found[1])
+    return text, form.order
+
+
+def _rest(text: str, match: re.Match[str]) -> str:
+    return text[match.end() :].lstrip().removeprefix("T").removeprefix("t")
+
+
+def _clock(match: re.Match[str]) -> str:
+    """Return seconds of the day as hours, minutes and seconds; more than a day has stay."""
+    seconds = int(match[0])
+    if seconds >= _SECONDS_PER_DAY:
+        return match[0]
+    return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+
+
+def _named(match: re.Match[str], _: DateForm) -> tuple[str, str]:
+    month = _MONTHS.index(match["month"][:3].lower()) + 1
+    return f"{match['year']}-{month}-{match['day']}", "ymd"
+
+
+def _of_year(match: re.Match[str], _: DateForm) -> tuple[str, str] | None:
+    year, day = int(match[1]), int(match[2])
+    if not (1 <= day <= 366 and dt.MINYEAR <= year < dt.MAXYEAR):
+        return None
+    date = dt.date(year, 1, 1) + dt.timedelta(days=day - 1)
+    return None if date.year != year else (date.isoformat(), "ymd")
+
+
+def _compact(match: re.Match[str], form: DateForm) -> tuple[str, str] | None:
+    """Return a date of eight digits, or of six where the order of year, month and day is declared."""
+    digits = match[1]
+    if len(digits) == 6 and not form.is_order_declared:
+        return None
+    year = len(digits) - 4
+    parts, at = [], 0
+    for part in form.order:
+        length = year if part == "y" else 2
+        parts.append(digits[at : at + length])
+        at += length
+    if year == 2:
+        k = form.order.index("y")
+        parts[k] = f"{'19' if int(parts[k]) >= _FIRST_SHORT_YEAR else '20'}{parts[k]}"
+    return "-".join(parts), form.order
+
+
+_DateOf = Callable[[re.Match[str], DateForm], tuple[str, str] | None]
+_FORMS: Final[tuple[tuple[re.Pattern[str], _DateOf], ...]] = (
+    *((pattern, _named) for pattern in _NAMED),
+    (_COMPACT, _compact),
+    (_DAY_OF_YEAR, _of_year),
+)
