@@ -1,4 +1,4 @@
-"""What is told of the heading: that it is open, that one is left, that it is known."""
+"""Events of the heading: it is open, one is left, it is known."""
 
 from __future__ import annotations
 
