@@ -16,18 +16,7 @@ from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
-from insgnss.studies.receiver.loop import (
-    HELD,
-    NO_SIGNAL,
-    RECORDED,
-    AidingInputs,
-    ChannelRoom,
-    FilterRoom,
-    ReceiverDesign,
-    ReceiverHistory,
-    SignalArrivals,
-    run_receiver,
-)
+from insgnss.studies.receiver.loop import run_receiver
 from insgnss.studies.receiver.masking import ReceiverMasking
 from insgnss.studies.receiver.search import Searches, SearchRow
 from insgnss.studies.receiver.variants import (
@@ -39,6 +28,17 @@ from insgnss.studies.receiver.variants import (
     oscillator_of,
     receiver_of,
     without_ins,
+)
+from insgnss.studies.receiver.workspace import (
+    HELD,
+    NO_SIGNAL,
+    RECORDED,
+    AidingInputs,
+    ChannelRoom,
+    FilterRoom,
+    ReceiverDesign,
+    ReceiverHistory,
+    SignalArrivals,
 )
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
@@ -88,6 +88,11 @@ class Setting:
             return SLIP_SHARE * aperture / k, math.inf, 0
         steps = round(_LOST_S / self.channels.step_s)
         return self.channels.chip_m, 2.0 * math.pi * _LOST_HZ / k, steps
+
+    def may_lose_signals(self, cn0_dbhz: Float64) -> bool:
+        """Return whether a channel may be without a signal for a time, and come back."""
+        chosen = self.masking is not None or self.estimates_cn0
+        return chosen or not bool((cn0_dbhz >= max(self.least_cn0_dbhz, -1e9)).all())
 
     @cached_property
     def solution(self) -> Float64:
@@ -150,7 +155,9 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
     directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
     begin, density = TrueStart.of(truth, clock), setting.divergence_density
-    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
+    cn0 = np.broadcast_to(cn0_dbhz, (count, m))
+    phases = m if variant.has_filter and channels.coherent and setting.may_lose_signals(cn0) else 0
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density, phases)
     receiver = receiver_of(
         variant,
         truth.step_s,
@@ -164,7 +171,6 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
     found = new_found(receiver, count, m, _block(truth))
-    cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
     masking = setting.masking
@@ -282,6 +288,9 @@ def channel_room(
         offset=np.zeros(3),
         seen=np.zeros(N_SEEN),
         silent=np.zeros(m, np.int64),
+        pulling=np.zeros(m, np.int64),
+        fresh=np.zeros(m, np.int64),
+        cycles=np.zeros(m),
         done=np.zeros(1, np.int64),
     )
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS
+from insgnss.filter.rows.replica_offset import COLUMNS
 from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import SignalScale, search_window
-from insgnss.studies.receiver.loop import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.studies.receiver.masking import AttitudeMask, ReceiverMasking
+from insgnss.studies.receiver.workspace import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.tables import Bool, Float64, Int64
 from insgnss.tracking.vector_loop import ChannelConstants
 
@@ -84,7 +85,9 @@ class Searches:
     def _search(
         self, c: int, cn0_dbhz: float, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
     ) -> SearchRow:
-        d_range, _, d_rate = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+        # the window is that of the code: a phase's own state does not count
+        columns = f.columns[: len(COLUMNS)]
+        d_range, _, d_rate = offset_covariance(f.P, columns, room.u[c], room.g[c], f.h, f.v)
         found = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
         within = bool(found.within_aperture)
         waits_s = 0.0 if within else float(found.search_s)
