@@ -224,6 +224,7 @@ def _run_blocks(
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
     # the C/N0 that the receiver takes for true
     block, taken, estimates = _block(truth), arriving.level[0], []
+    believed = cn0[0]
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = SignalArrivals(
@@ -232,12 +233,15 @@ def _run_blocks(
         told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
         if setting.told_cn0_dbhz is not None:
             told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
-        if setting.estimates_cn0:
+            believed = np.full(m, setting.told_cn0_dbhz)
+        elif setting.estimates_cn0:
             told_level = np.tile(taken, (len(here.level), 1))
-        elif searches is not None:
+        else:
+            believed = cn0[first]
+        if searches is not None:
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
-            told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
+            told_level = searches.told(told_level, believed, truth.step_s * first, f, room, off)
         told = AidingInputs(
             whole.satellites[part],
             whole.rate_b[part],
@@ -251,7 +255,7 @@ def _run_blocks(
         if setting.estimates_cn0 and len(here.level) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
             unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
-            taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
+            taken, believed = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1])), estimates[-1]
     return np.array(estimates).reshape(-1, m)
 
 

@@ -30,7 +30,7 @@ class SearchRow(NamedTuple):
     lost_s: float  # since when it had no signal
     back_s: float  # when the signal was back
     tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
-    cn0_dbhz_back: float
+    cn0_dbhz_back: float  # that the receiver believes in then
     sd_delay_m: float
     off_m: float  # true offset from where the filter expects it
     sd_rate_mps: float
@@ -53,7 +53,7 @@ class Searches:
         self.need = detector(self.settings.detection)
         self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, self.settings.grid.code_chips)
         self.lost_s = np.full(count, np.inf)  # inf: the channel has its signal
-        self.tracked_s = np.full(count, -np.inf)
+        self.tracked_s = np.zeros(count)  # inf: the last search has failed
         self.rows: list[SearchRow] = []
         self._mask = None if masking is None else AttitudeMask(masking, count)
 
@@ -65,7 +65,7 @@ class Searches:
         Parameters
         ----------
         level : (n, m) of the signals, ``NO_SIGNAL`` where none is, or too weak a one
-        cn0_dbhz : (m,) at the block's begin
+        cn0_dbhz : (m,) that the receiver believes in at the block's begin
         t_s : of the block's begin
         off : (m, 2) true offsets from the filter's prediction, at the block's begin
         """
@@ -77,8 +77,12 @@ class Searches:
                 self.lost_s[c] = t_s
             if not gone and np.isfinite(self.lost_s[c]):
                 row = self._search(c, float(cn0_dbhz[c]), t_s, f, room, off[c])
-                self.rows.append(row)
-                self.tracked_s[c], self.lost_s[c] = row.tracked_s, np.inf
+                # a signal that is too weak to be found is looked for again in the next block, and told once
+                if np.isfinite(row.tracked_s) or np.isfinite(self.tracked_s[c]):
+                    self.rows.append(row)
+                self.tracked_s[c] = row.tracked_s
+                if np.isfinite(row.tracked_s):
+                    self.lost_s[c] = np.inf
         searching: Bool = self.tracked_s > t_s
         return np.where(searching, NO_SIGNAL, level)
 
