@@ -34,7 +34,7 @@ from insgnss.tracking.vector_loop import OFFSET_RANGE, SEEN_ANGLE, SEEN_RANGE, C
 
 PULL_IN: Final = 20  # integrations: the sigma of one observation has fallen to less than a quarter
 # sigmas of the predicted phase between its stable point and the middle to the next one: beyond them 6e-5 are left
-_SURE: Final = 4.0
+SURE_SIGMAS: Final = 4.0
 
 
 @kernel(inline=True)
@@ -93,7 +93,7 @@ def pull_in(
     one_stage = receiver.kind == ONE_STAGE
     own_column(f, c)
     D = phase_variance(f.P, f.columns, room.u[c], f.h[0]) if one_stage else room.P[c, 0, 0]
-    if not _SURE * math.sqrt(D) > 0.5 * cycle_m(channels):
+    if not SURE_SIGMAS * math.sqrt(D) > 0.5 * cycle_m(channels):
         return False
     room.pulling[c] = PULL_IN
     if one_stage:

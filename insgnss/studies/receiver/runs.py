@@ -50,6 +50,8 @@ from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, no
 
 _BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
+# singular value of the directions and the clock's column: below it errors of ranges count a hundredfold
+_LEAST_GEOMETRY: Final = 0.01
 _LOST_S: Final = 1.0  # ... if it lasts so long; the same of a delay of one chip
 
 
@@ -96,9 +98,15 @@ class Setting:
 
     @cached_property
     def solution(self) -> Float64:
-        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m)."""
+        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m).
+
+        NaN where the satellites do not fix all four: less than four of them, or all on one cone.
+        """
         u = self.truth.directions(slice(None, None, self.record_every))
-        return np.asarray(np.linalg.pinv(np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)))
+        H = np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)
+        values = np.linalg.svd(H, compute_uv=False)
+        fixed = (values.shape[1] == 4) & (values[:, -1] > _LEAST_GEOMETRY)
+        return np.where(fixed[:, None, None], np.linalg.pinv(H), np.nan)
 
 
 @dataclass(frozen=True)
