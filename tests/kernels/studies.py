@@ -76,6 +76,7 @@ def closed_loops() -> list[np.ndarray]:
                 settle=5,
                 start=STARTS[tracking],
                 unknown=UnknownMotion(5.0, 3.0),
+                imu_gaps_s=((0.42, 0.46),),
             )
             for name in (
                 ("scalar", "two_stage", "optimal", "one_stage") if with_ins else ("scalar", "one_stage")

@@ -37,7 +37,7 @@ from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.kernels.jit import kernel
-from insgnss.studies.receiver.interval_message import carry_message, solve_message
+from insgnss.studies.receiver.interval_message import carry_message, solve_message, widen_message
 from insgnss.studies.receiver.phase_return import (
     PULL_IN,
     add_to_message,
@@ -105,7 +105,7 @@ def run_receiver(
                 lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
             predict_offsets(m, told.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
-            lead_channels(receiver, channels.step_s, with_filter, room)
+            lead_channels(receiver, channels.step_s, with_filter, told.unknown[k, 1], room)
         for i in range(f.v.shape[1]):
             f.v[0, i] = 0.0
         for c in range(noise.shape[1]):
@@ -239,12 +239,16 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 
 @kernel(inline=True)
-def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: ChannelRoom) -> None:
+def lead_channels(
+    receiver: ReceiverDesign, dt: float, with_filter: bool, unknown: float, room: ChannelRoom
+) -> None:
     """Carry the channels on, by their own rates and by how the filter's predictions have changed.
 
-    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W
+    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W + U,
+              U = q [T^3/3, T^2/2; T^2/2, T], q = ``unknown`` the density of an acceleration that no sample shows
     """
     n = receiver.F.shape[0]
+    u = (unknown * dt**3 / 3.0, unknown * dt**2 / 2.0, unknown * dt) if with_filter else (0.0, 0.0, 0.0)
     for c in range(room.x.shape[0]):
         x, P, F_P = room.x[c], room.P[c], room.F_P
         for i in range(n):
@@ -256,6 +260,8 @@ def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: 
             x[0] += room.predicted[c, 0] - room.base[c, 0] - dt * room.base[c, 1]
             x[1] += room.predicted[c, 1] - room.base[c, 1]
             carry_message(room.message[c], dt)
+            if unknown > 0.0:
+                widen_message(room.message[c], u)
         for i in range(n):
             for j in range(n):
                 total = 0.0
@@ -269,6 +275,10 @@ def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: 
                     total += F_P[i, b] * receiver.F[j, b]
                 P[i, j] = total
                 P[j, i] = total
+        P[0, 0] += u[0]
+        P[0, 1] += u[1]
+        P[1, 0] += u[1]
+        P[1, 1] += u[2]
 
 
 @kernel(inline=True)
