@@ -12,8 +12,8 @@ An acceleration that no inertial sample shows, in a gap of them, is added to C o
 Neglects: the oscillator's and the inertial system's noise within the interval, with it what an attitude that a gap has
 left unsure does to the acceleration: after 0.1 s at 5 g NEES is 10 to 18 for a second (phases, 40 dBHz, 100 ms).
 The oscillator's is one error of all channels: with phases at 40 dBHz and S = 100 rad^2/s^3 the drift's squared error is
-6.4 of its variance for intervals of 100 ms, 1.4 for 40 ms and 1.04 for 20 ms; velocity and attitude do not feel it (1.07
-for all).
+6.4 of its variance for intervals of 100 ms, 1.4 for 40 ms and 1.04 for 20 ms; velocity and attitude do not feel it
+(1.07 for all).
 """
 
 from __future__ import annotations
