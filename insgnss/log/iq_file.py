@@ -108,7 +108,16 @@ class IqFile:
         return SignalSamples(self.sampling, raw[i::2].astype(np.float64), raw[1 - i :: 2].astype(np.float64))
 
     def blocks(self, block_s: float = 1.0) -> Iterator[SignalSamples]:
-        """Yield the recording in blocks of a length, the last one shorter."""
+        """Yield the recording in blocks of a length, the last one shorter.
+
+        Raises
+        ------
+        ConfigError : a length that is not a positive number of seconds
+        """
+        if not (math.isfinite(block_s) and block_s > 0.0):
+            raise ConfigError(
+                f"blocks of {block_s:g} s", key="block_s", advice="give seconds above 0, as 1.0"
+            )
         size = max(1, round(block_s * self.sampling.rate_hz))
         for first in range(0, self.count, size):
             yield self.read(first, min(size, self.count - first))
@@ -119,12 +128,18 @@ def rounded(block: SignalSamples, sample_type: str) -> SignalSamples:
 
     Raises
     ------
-    ConfigError : a type that does not exist
+    ConfigError : a type that does not exist, or samples that are not finite
     """
     if sample_type not in SAMPLE_TYPES:
         _refuse_type(sample_type, ORDERS[0])
     kind = np.dtype(SAMPLE_TYPES[sample_type])
     limit = np.iinfo(kind)
+    if not (np.isfinite(block.in_phase).all() and np.isfinite(block.quadrature).all()):
+        raise ConfigError(
+            "samples are not finite numbers, which integers cannot say",
+            key="blocks",
+            advice="leave such samples out, or write zeros",
+        )
     in_phase, quadrature = (
         np.clip(np.rint(NOISE_LSB[sample_type] * part), limit.min, limit.max)
         for part in (block.in_phase, block.quadrature)
@@ -139,7 +154,7 @@ def write_iq(
 
     Raises
     ------
-    ConfigError : a type or order that does not exist
+    ConfigError : a type or order that does not exist, or samples that are not finite
     ResultError : the file cannot be written, or a file of another program is in its place
     """
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
@@ -171,6 +186,12 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
         advice = "give the frequency that the carrier without Doppler has in the samples, in Hz"
         raise ConfigError(
             "the intermediate frequency is not a finite number", key="intermediate_hz", advice=advice
+        )
+    if abs(sampling.intermediate_hz) > 0.5 * rate and not sampling.bandpass:
+        raise ConfigError(
+            f"an intermediate frequency of {sampling.intermediate_hz:g} Hz lies beyond half the sampling rate",
+            key="intermediate_hz",
+            advice=f"give {0.5 * rate:g} Hz at most, or bandpass = true for real samples of a higher Nyquist zone",
         )
     if skip_bytes < 0:
         raise ConfigError(f"{skip_bytes} bytes to skip", key="skip_bytes", advice="give 0 or more")

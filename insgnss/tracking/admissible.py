@@ -5,13 +5,48 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, SupportsFloat
 
 import numpy as np
 
 from insgnss.errors import ConfigError
 
 CN0_SPAN_DBHZ: Final = (-30.0, 100.0)  # beyond it the unit must be wrong: receivers see 10 to 60
+
+
+def require_number(key: str, value: object) -> float:
+    """Return a number, which may be infinite or none.
+
+    Raises
+    ------
+    ConfigError : it is text, a truth value or nothing
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, SupportsFloat):
+        raise ConfigError(f"{value!r} is not a number", key=key, advice=f"give a number for {key}")
+    return float(value)
+
+
+def require_whole(least: int, advice: str, **named: object) -> None:
+    """Refuse what is not a whole number from ``least`` on.
+
+    Raises
+    ------
+    ConfigError : names the first one
+    """
+    for key, value in named.items():
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise ConfigError(f"{value!r}: a whole number from {least} on is needed", key=key, advice=advice)
+
+
+def require_seed(seed: object) -> None:
+    """Refuse what is not a seed.
+
+    Raises
+    ------
+    ConfigError : a negative one, or not a whole number
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigError(f"invalid seed {seed!r}", key="seed", advice="give a whole number of 0 or more")
 
 
 def require_positive(advice: str = "", **named: float) -> None:
@@ -22,7 +57,7 @@ def require_positive(advice: str = "", **named: float) -> None:
     ConfigError : names the first one
     """
     for key, value in named.items():
-        if not (math.isfinite(value) and value > 0.0):
+        if not (math.isfinite(require_number(key, value)) and value > 0.0):
             raise ConfigError(
                 f"{value:g} must be finite and above 0", key=key, advice=advice or f"give a positive {key}"
             )
@@ -36,7 +71,7 @@ def require_not_negative(advice: str = "", **named: float) -> None:
     ConfigError : names the first one
     """
     for key, value in named.items():
-        if not (math.isfinite(value) and value >= 0.0):
+        if not (math.isfinite(require_number(key, value)) and value >= 0.0):
             raise ConfigError(
                 f"{value:g} must be finite and not below 0", key=key, advice=advice or f"give 0 or more {key}"
             )
@@ -50,7 +85,7 @@ def require_within(low: float, high: float, advice: str, **named: float) -> None
     ConfigError : names the first one and the limits
     """
     for key, value in named.items():
-        if not low <= value <= high:
+        if not low <= require_number(key, value) <= high:
             raise ConfigError(f"{value:g} is outside of {low:g} ... {high:g}", key=key, advice=advice)
 
 
@@ -64,6 +99,8 @@ def require_known(name: str, known: Iterable[str], key: str, what: str) -> str:
     names = list(known)
     if name in names:
         return name
+    if not isinstance(name, str):
+        raise ConfigError(f"{name!r} is not a {what}", key=key, advice=f"known: {', '.join(names[:12])}")
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.4)
     advice = f"nearest: '{near[0]}'" if near else f"known: {', '.join(names[:12])}"
     raise ConfigError(f"unknown {what} '{name}'", key=key, advice=advice)
@@ -76,8 +113,7 @@ def seeded(seed: int, key: int) -> np.random.Generator:
     ------
     ConfigError : a negative seed
     """
-    if seed < 0:
-        raise ConfigError(f"invalid seed {seed}", key="seed", advice="give a whole number of 0 or more")
+    require_seed(seed)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,)))
 
 

@@ -46,11 +46,14 @@ RATIO, RANGE_BY_OUTPUT, RANGE_VARIANCE, RATE_BY_OUTPUT, RATE_VARIANCE = range(5)
 CODE_BY_OUTPUT, CODE_VARIANCE = 5, 6  # of the code's range beside a phase
 N_TABLE: Final = 7
 # what is seen of a channel in an integration
-SEEN_RANGE, SEEN_RATE, SEEN_POWER, SEEN_CODE = range(4)
-N_SEEN: Final = 4
+SEEN_RANGE, SEEN_RATE, SEEN_POWER, SEEN_CODE, SEEN_ANGLE = range(5)
+N_SEEN: Final = 5
 OFFSET_RANGE, OFFSET_RATE, OFFSET_CODE = range(3)
 # normal numbers for each channel and integration: phase, no phase, phase and code
 N_NOISE: Final = (2, 12, 6)
+
+
+_Q, _ATAN, _ATAN2 = (PHASE_KINDS.index(kind) for kind in ("q", "atan", "atan2"))
 
 
 class ChannelConstants(NamedTuple):
@@ -180,6 +183,22 @@ def correlate(
 
 
 @kernel(inline=True)
+def is_of_pilot(channels: ChannelConstants) -> bool:
+    """Return whether the phase discriminator feels the sign of data: its stable points are a cycle apart."""
+    kind = channels.kinds[0]
+    return bool(kind == _Q or kind == _ATAN2)
+
+
+@kernel(inline=True)
+def angle_range(channels: ChannelConstants, prompt: complex) -> float:
+    """Return the range of the prompt's angle, linear between the neighbours of its stable point [m].
+
+    Where the phase discriminator is that of a pilot (Q, atan2) the angle of (I, Q), else that of the line through it.
+    """
+    return -phase_output(_ATAN2 if is_of_pilot(channels) else _ATAN, prompt) / channels.radians_per_m
+
+
+@kernel(inline=True)
 def observe_channel(
     channels: ChannelConstants, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
 ) -> None:
@@ -191,7 +210,8 @@ def observe_channel(
         and a receiver that looks for none
     offset : (3,) truth minus replica in the middle: range [m] and range rate [m/s]; range of the code beside a phase
     noise : (2,), (12,) or (6,) independent normal numbers
-    seen : (4,) observed range and rate, the prompt replica's power, and the code's range beside a phase, out
+    seen : (5,) observed range and rate, the prompt replica's power, the code's range beside a phase, and the range of
+        the prompt's angle of a phase, out
     """
     # the front end keeps the noise level: correlators are scaled as if the assumed C/N0 were the true one
     scale = channels.table[max(told, 0), RATIO]
@@ -209,12 +229,14 @@ def observe_channel(
         split = delay_output(channels.kinds[2], early, prompt, late)
         seen[SEEN_CODE] = split * channels.table[told, CODE_BY_OUTPUT]
         seen[SEEN_RATE] = 0.0
+        seen[SEEN_ANGLE] = angle_range(channels, prompt)
         seen[SEEN_POWER] = prompt.real * prompt.real + prompt.imag * prompt.imag
     elif channels.coherent:
         Z = carrier_mean(a, -channels.radians_per_m * offset[0], turn)
         Z += sigma * complex(noise[0], noise[1])
         seen[SEEN_RANGE] = phase_output(channels.kinds[0], Z) * channels.table[told, RANGE_BY_OUTPUT]
         seen[SEEN_RATE] = 0.0
+        seen[SEEN_ANGLE] = angle_range(channels, Z)
         seen[SEEN_POWER] = Z.real * Z.real + Z.imag * Z.imag
     else:
         delay = offset[0] / channels.chip_m

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,14 @@ from insgnss.filter.measurements.range_rate import rate_row
 from insgnss.filter.rows.lines import ANTENNA_DTYPE
 from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.state import CLOCK, DR, OFFSETS, new_bank
-from insgnss.filter.update.replica_offsets import use_offsets, use_phase_and_code
+from insgnss.filter.update.replica_offsets import (
+    begin_phase,
+    offset_covariance,
+    phase_variance,
+    use_offsets,
+    use_phase_and_code,
+    use_rate_beside,
+)
 from insgnss.tracking.combined_filter import CombinedModel
 from insgnss.tracking.vector_loop import CODE_VARIANCE, RANGE_VARIANCE, channels_of, levels_of
 
@@ -20,10 +29,10 @@ U, G = np.array([0.36, -0.48, 0.8]), np.array([1e-4, -2e-4, 3e-5])
 NOTHING = np.zeros(3)
 
 
-def dense(columns: tuple[int, ...], h: np.ndarray) -> np.ndarray:
+def dense(columns: tuple[int, ...], h: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return a row over all states."""
     row = np.zeros(OFFSETS)
-    np.add.at(row, np.array(columns), h[: len(columns)])
+    np.add.at(row, np.array(columns), np.asarray(h)[: len(columns)])
     return row
 
 
@@ -54,6 +63,49 @@ def test_two_observations_that_share_their_errors_count_as_the_pair_they_are() -
     found, v = P.copy(), np.zeros((4, OFFSETS))
     columns = np.array(COLUMNS, np.int64)
     use_offsets(found, columns, U, G, (3.0, -0.7), (4.0, 1.1, 0.5), np.zeros(len(COLUMNS)), v)
+
+    assert v[0] == pytest.approx(K @ z, rel=1e-9)
+    assert found == pytest.approx(P - K @ H @ P, rel=1e-9, abs=1e-9)
+
+
+def test_phase_whose_cycle_is_unknown_begins_as_a_state_of_infinite_variance_does() -> None:
+    rng = np.random.default_rng(9)
+    root = rng.standard_normal((OFFSETS + 2, OFFSETS + 2))
+    begun, own = root @ root.T, OFFSETS + 1
+    unknown = begun.copy()
+    unknown[own], unknown[:, own] = 0.0, 0.0
+    unknown[own, own] = 1e9
+    columns, h = np.array((*COLUMNS, own)), np.zeros(len(COLUMNS) + 1)
+    v = np.zeros((2, 4, OFFSETS + 2))
+    v[:, 0] = rng.standard_normal(OFFSETS + 2)  # what the channels before have told
+    v[1, 0, own] = 0.0
+    begin_phase(begun, columns, U, 3.0, 0.25, h, v[0])
+    use_rate_beside(begun, columns, U, G, (3.0, -0.7), (0.25, 0.1, 0.5), h, v[0])
+    use_offsets(unknown, columns, U, G, (3.0, -0.7), (0.25, 0.1, 0.5), h, v[1])
+
+    # a prior of 1e9 leaves the share 1e-8 of what the row could have told; rounding of 1e9 is 1e-7
+    assert begun == pytest.approx(unknown, rel=1e-6, abs=1e-5)
+    assert v[0, 0] == pytest.approx(v[1, 0], abs=1e-5)
+
+
+def test_range_and_rate_of_a_phase_with_a_state_of_its_own_are_the_pair_they_are() -> None:
+    rng = np.random.default_rng(10)
+    root = rng.standard_normal((OFFSETS + 2, OFFSETS + 2))
+    P, own = root @ root.T, OFFSETS + 1
+    h, v = np.zeros((2, len(COLUMNS) + 1)), np.zeros((4, OFFSETS + 2))
+    columns = np.array((*COLUMNS, own))
+    H = np.zeros((2, OFFSETS + 2))
+    H[0, :OFFSETS], H[1, :OFFSETS] = dense(COLUMNS[:4], [*-U, 1.0]), dense(COLUMNS, [*G, 0.0, *-U, 1.0])
+    H[0, own] = 1.0
+    C, z = np.array([[4.0, 1.1], [1.1, 0.5]]), np.array([3.0, -0.7])
+    D = offset_covariance(P, columns, U, G, h, v)
+    expected = H @ P @ H.T
+    assert D == pytest.approx([expected[0, 0], expected[0, 1], expected[1, 1]])
+    assert phase_variance(P, columns, U, h[0]) == pytest.approx(expected[0, 0])
+
+    found = P.copy()
+    use_offsets(found, columns, U, G, (3.0, -0.7), (4.0, 1.1, 0.5), h[0], v)
+    K = P @ H.T @ np.linalg.inv(expected + C)
 
     assert v[0] == pytest.approx(K @ z, rel=1e-9)
     assert found == pytest.approx(P - K @ H @ P, rel=1e-9, abs=1e-9)

@@ -51,7 +51,7 @@ def covariance_along() -> list[np.ndarray]:
 
 
 def closed_loops() -> list[np.ndarray]:
-    """Return what runs of every receiver leave, with and without phase tracking and INS, and a signal that goes."""
+    """Return what runs of every receiver leave, with and without phase tracking and INS, and signals that go."""
     hour = np.arange(0.0, 4.05, 0.05)
     r_e = np.array([2.85e6, 2.2e6, 5.27e6]) + np.column_stack([hour, 30.0 * np.sin(hour), hour**2])
     turns = Rotation.from_rotvec(np.outer(hour, [0.1, 0.2, -0.1]))
@@ -60,6 +60,7 @@ def closed_loops() -> list[np.ndarray]:
     truth = closed_loop_truth(trajectory, sky, 0.01, 1.0, 60)
     cn0 = np.full((60, 5), 42.0)
     cn0[52:, 1] = np.nan
+    cn0[20:32] = np.nan  # without INS the cycle of the phases is open then
     found: list[np.ndarray] = []
     for tracking in ("coherent", "noncoherent"):
         for with_ins in (True, False):
@@ -75,6 +76,7 @@ def closed_loops() -> list[np.ndarray]:
                 settle=5,
                 start=STARTS[tracking],
                 unknown=UnknownMotion(5.0, 3.0),
+                imu_gaps_s=((0.42, 0.46),),
             )
             for name in (
                 ("scalar", "two_stage", "optimal", "one_stage") if with_ins else ("scalar", "one_stage")

@@ -93,6 +93,32 @@ def test_impossible_declaration_is_refused(
     assert raised.value.key == key
 
 
+@pytest.mark.parametrize("block_s", [np.nan, np.inf, 0.0, -1.0])
+def test_blocks_of_no_length_are_refused(tmp_path: Path, rng: np.random.Generator, block_s: float) -> None:
+    sampling = Sampling(4e6, 1e6, is_complex=True)
+    write_iq(tmp_path / "x.bin", [noise(sampling, 100, rng)])
+    with pytest.raises(ConfigError) as error:
+        list(IqFile(tmp_path / "x.bin", sampling).blocks(block_s))
+    assert error.value.key == "block_s"
+
+
+def test_samples_that_are_not_finite_are_not_written(tmp_path: Path, rng: np.random.Generator) -> None:
+    sampling = Sampling(4e6, 1e6, is_complex=True)
+    block = noise(sampling, 100, rng)
+    block.quadrature[7] = np.nan
+    with pytest.raises(ConfigError, match="not finite") as error:
+        write_iq(tmp_path / "x.bin", [block])
+    assert error.value.key == "blocks" and not (tmp_path / "x.bin").exists()
+
+
+@pytest.mark.parametrize("is_complex", [True, False])
+def test_intermediate_frequency_beyond_the_sampling_is_refused(tmp_path: Path, is_complex: bool) -> None:
+    (tmp_path / "x.bin").write_bytes(bytes(8))
+    with pytest.raises(ConfigError, match="beyond half the sampling rate") as error:
+        IqFile(tmp_path / "x.bin", Sampling(4e6, 5e9, is_complex=is_complex))
+    assert error.value.key == "intermediate_hz"
+
+
 def test_missing_file_and_samples_beyond_its_end_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError):
         IqFile(tmp_path / "none.bin", COMPLEX)

@@ -13,14 +13,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.closed_loop_sky import told_motion
 from insgnss.simulation.oscillator import clock_densities
 from insgnss.studies.receiver.imu import UnknownMotion
-from insgnss.studies.receiver.loop import (
-    AidingInputs,
-    FilterRoom,
-    ReceiverDesign,
-    SignalArrivals,
-    lead_filter,
-    run_receiver,
-)
+from insgnss.studies.receiver.loop import lead_filter, run_receiver
 from insgnss.studies.receiver.runs import channel_room, new_found
 from insgnss.studies.receiver.variants import (
     STARTS,
@@ -32,6 +25,7 @@ from insgnss.studies.receiver.variants import (
     receiver_of,
     without_ins,
 )
+from insgnss.studies.receiver.workspace import AidingInputs, FilterRoom, ReceiverDesign, SignalArrivals
 from insgnss.tracking.vector_loop import (
     N_SEEN,
     RANGE_VARIANCE,

@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.closed_loop_sky import InertialAiding
 from insgnss.studies.receiver import runs as receiver_runs
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
+from insgnss.studies.receiver.interval_message import widen_message
 from insgnss.studies.receiver.scene import scene_of
 from insgnss.studies.receiver.variants import VARIANTS
 from tests.studies.test_receiver_study import (
@@ -51,6 +53,33 @@ def test_gaps_cost_velocity_and_the_filter_knows_it() -> None:
     assert runs[0].sd[k, 3:6].min() > 5.0 * whole[0].sd[k, 3:6].max()
     # and it is over within seconds
     assert runs[0].sd[k + 100, 3:6] == pytest.approx(whole[0].sd[k + 100, 3:6], rel=0.3)
+
+
+@pytest.mark.parametrize("name", ["two_stage", "optimal"])
+def test_channels_with_filters_of_their_own_know_of_a_gap_and_hold_their_phases(name: str) -> None:
+    of = setting("coherent", True, 100.0)
+    gapped = replace(of, imu_gaps_s=((25.0, 25.1),))
+    runs = flown(gapped, VARIANTS[name], 40.0, RUNS, 43)
+    # messages leave out what the attitude's error does within an interval: for a second after the gap that is too much
+    second_s = {"two_stage": 25.0, "optimal": 26.0}[name]
+    after = slice(math.ceil(second_s / (of.record_every * of.truth.step_s)), None)
+    nees = np.mean([run.nees[after].mean() for run in runs])
+    states = int(np.isfinite(runs[0].sd[0]).sum())
+
+    assert not any(run.lost for run in runs)
+    assert nees < stats.chi2.ppf(0.9995, states * RUNS) / (states * RUNS)
+
+
+def test_message_along_a_path_that_noise_moves_is_that_of_an_information_filter() -> None:
+    rng = np.random.default_rng(44)
+    root, U = rng.standard_normal((2, 2, 2)), (0.3, 0.11, 0.07)
+    L, b = root[0] @ root[0].T, rng.standard_normal(2)
+    s = np.array([L[0, 0], L[0, 1], L[1, 1], *b])
+    widen_message(s, U)
+    expected = np.linalg.inv(np.linalg.inv(L) + np.reshape([U[0], U[1], U[1], U[2]], (2, 2)))
+
+    assert s[:3] == pytest.approx([expected[0, 0], expected[0, 1], expected[1, 1]])
+    assert s[3:] == pytest.approx(expected @ np.linalg.solve(L, b))
 
 
 def test_saturated_accelerometers_are_lost_where_nothing_tells_of_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -77,6 +77,20 @@ def test_one_stage_that_counts_noise_as_signals_knows_less_than_it_says_and_mask
     assert without.summary["lost"].item() == masked.summary["lost"].item() == 0.0  # the phases coast
 
 
+def test_receiver_that_estimates_its_cn0_masks_and_searches_as_one_that_knows_it() -> None:
+    found = receiver_study(
+        "masked_bank", variants=("one_stage",), tracking="coherent", imu="tactical", oscillator="tcxo", cn0=(45.0,),
+        runs=2, seed=4, options=options(estimates_cn0=True, masking=True), antennas=vehicle("hemispherical"),
+    )  # fmt: skip
+    known = flown("one_stage", "coherent", True).searches
+
+    assert set(found.searches["channel"]) >= set(known["channel"]) and len(known) > 0
+    assert np.isfinite(found.searches["tracked_s"]).all()
+    low, high = found.summary["nees_low"].item(), found.summary["nees_high"].item()
+    assert low < found.summary["nees"].item() < high
+    assert found.summary["cn0_estimated_dbhz"].notna().all()
+
+
 def test_masking_without_antennas_or_attitude_is_refused() -> None:
     for asked in ({"antennas": None}, {"imu": None, "variants": ("one_stage",)}):
         usual = {

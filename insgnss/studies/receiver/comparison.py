@@ -39,19 +39,19 @@ from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
+from insgnss.studies.receiver.admission import checked_call, require_answers, wanted_variants
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
 from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.scene import ReceiverOptions, StudyScene, scene_of
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
-from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
+from insgnss.studies.receiver.variants import USUAL_VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tables import Float64
-from insgnss.tracking.admissible import seeded
+from insgnss.tracking.admissible import require_seed, seeded
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -151,11 +151,13 @@ def receiver_study(
     ------
     ConfigError, ModelError : an unknown name, numbers that make no sense, a motion shorter than the study
     """
-    wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
-    levels = _checked(cn0, runs, threads, wanted, with_ins=imu is not None)
+    wanted = wanted_variants(variants)
+    levels = checked_call(cn0, {"runs": runs, "threads": threads}, wanted, with_ins=imu is not None)
+    require_seed(seed)
     _check_code(wanted, tracking)
     scene = _masked(scene_of(scenario, tracking, imu, oscillator, options), options, antennas)
     profiles = _profiles(scene, levels, emitters, antennas)
+    require_answers(scene.setting, wanted, profiles)
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
         for level, profile in profiles.items():
@@ -207,9 +209,11 @@ def receiver_row(
     ConfigError : an unknown receiver, or one that the scene's tracking or its lack of an INS does not allow
     """
     wanted = {name: variant_of(name)}
-    levels = _checked([cn0_dbhz], 1, 1, wanted, with_ins=scene.setting.inertial is not None)
+    levels = checked_call([cn0_dbhz], {}, wanted, with_ins=scene.setting.inertial is not None)
     _check_code(wanted, "coherent" if scene.setting.channels.coherent else "noncoherent")
-    (level, profile), *_ = _profiles(scene, levels, emitters, None).items()
+    profiles = _profiles(scene, levels, emitters, None)
+    require_answers(scene.setting, wanted, profiles)
+    (level, profile), *_ = profiles.items()
     run = run_once(scene.setting, wanted[name], profile, seeded(seed, 0))
     row = summary_row(scene, name, level, [run])
     kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
@@ -250,37 +254,6 @@ def _profiles(
         profiles[level][: scene.setting.settle] = max(SETTLED_DBHZ, level)
         profiles[level] = profiles[level] + gain
     return profiles
-
-
-def _checked(
-    cn0: Sequence[float], runs: int, threads: int, wanted: Mapping[str, Variant], *, with_ins: bool
-) -> list[float]:
-    """Return the levels of C/N0, the highest first.
-
-    Raises
-    ------
-    ConfigError : the first thing that makes no sense
-    """
-    levels = sorted({float(x) for x in np.atleast_1d(np.asarray(cn0, float))}, reverse=True)
-    if not levels or not all(LOWEST_CN0_DBHZ <= x <= 60.0 for x in levels):
-        raise ConfigError(
-            f"C/N0 of {', '.join(f'{x:g}' for x in levels) or 'nothing'} dBHz",
-            key="cn0",
-            advice=f"give {LOWEST_CN0_DBHZ:g} to 60 dBHz: below it no receiver tracks",
-        )
-    if not wanted:
-        raise ConfigError("no receiver is asked for", key="variants", advice=f"known: {', '.join(VARIANTS)}")
-    if runs < 1 or threads < 1:
-        key = "runs" if runs < 1 else "threads"
-        raise ConfigError("a whole number from 1 on is needed", key=key, advice="40 runs give a share to 8 %")
-    aided = [name for name, variant in wanted.items() if variant.needs_ins]
-    if aided and not with_ins:
-        raise ConfigError(
-            f"'{aided[0]}' needs an inertial system for aiding, and none is given",
-            key="variants",
-            advice='without INS there are "scalar" and "one_stage"',
-        )
-    return levels
 
 
 def _check_code(wanted: Mapping[str, Variant], tracking: str) -> None:

@@ -78,7 +78,12 @@ def require_gaps(gaps_s: Sequence[tuple[float, float]], duration_s: float) -> No
     ------
     ConfigError : one that ends before it begins, or lies outside of the study
     """
-    for begin_s, end_s in gaps_s:
+    for gap in gaps_s:
+        try:
+            begin_s, end_s = (float(edge) for edge in gap)
+        except (TypeError, ValueError):
+            advice = "give pairs of begin and end [s], as ((50.0, 50.2),)"
+            raise ConfigError(f"{gap!r} is not a gap", key="imu_gaps_s", advice=advice) from None
         if not 0.0 < begin_s < end_s <= duration_s:
             raise ConfigError(
                 f"a gap from {begin_s:g} to {end_s:g} s",

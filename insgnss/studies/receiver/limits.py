@@ -16,10 +16,10 @@ from insgnss.interference.discriminators import ENGINEERING_RATIO, discriminator
 from insgnss.interference.linear_threshold import phase_threshold
 from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.phase_models import UnknownAcceleration, channel_model, one_stage_model
-from insgnss.studies.receiver.loop import ONE_STAGE, SCALAR
 from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
 from insgnss.studies.receiver.scene import StudyScene
 from insgnss.studies.receiver.variants import Variant
+from insgnss.studies.receiver.workspace import ONE_STAGE, SCALAR
 from insgnss.tables import Float64
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 

@@ -12,26 +12,55 @@ All states are at the middles of the integrations. From one to the next:
    integrations the filter takes the channels' results (two stages): their running estimates with the covariance of
    their own filters, or what the observations of the interval alone say (``interval_message``).
 
+A channel whose signal was gone begins again at the filter's prediction; a phase whose cycle is then open has a state of
+its own from there on (``phase_return``).
+
 The filter is the package's own: state, prediction, scalar update and closed loop are those of a replay.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
 
-import numpy.typing as npt
-
-from insgnss.filter.prediction import Scratch, predict_covariance, step_state
-from insgnss.filter.state import CLOCK, DR, DRIFT, OFFSETS, StateArray, StateRecord
+from insgnss.filter.prediction import predict_covariance, step_state
+from insgnss.filter.rows.replica_offset import RANGE_COLUMNS, offset_range_row
+from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.filter.update.replica_offsets import offset_covariance, use_offsets, use_phase_and_code
+from insgnss.filter.update.replica_offsets import (
+    begin_phase,
+    offset_covariance,
+    use_offsets,
+    use_phase_and_code,
+    use_rate_beside,
+)
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.inertial.error_state import N_MOTION
 from insgnss.kernels.jit import kernel
-from insgnss.studies.receiver.interval_message import add_observation, carry_message, solve_message
+from insgnss.studies.receiver.interval_message import carry_message, solve_message, widen_message
+from insgnss.studies.receiver.phase_return import (
+    PULL_IN,
+    add_to_message,
+    count_from_nearest,
+    has_phase_states,
+    own_column,
+    phase_apart,
+    pull_in,
+)
+from insgnss.studies.receiver.workspace import (
+    HELD,
+    INTERVAL_MESSAGE,
+    NO_SIGNAL,
+    ONE_STAGE,
+    RECORDED,
+    SCALAR,
+    AidingInputs,
+    ChannelRoom,
+    FilterRoom,
+    ReceiverDesign,
+    ReceiverHistory,
+    SignalArrivals,
+)
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.vector_loop import (
     CODE_VARIANCE,
@@ -40,6 +69,7 @@ from insgnss.tracking.vector_loop import (
     OFFSET_RATE,
     RANGE_VARIANCE,
     RATE_VARIANCE,
+    SEEN_ANGLE,
     SEEN_CODE,
     SEEN_POWER,
     SEEN_RANGE,
@@ -47,96 +77,6 @@ from insgnss.tracking.vector_loop import (
     ChannelConstants,
     observe_channel,
 )
-
-# which receiver
-SCALAR, TWO_STAGE, INTERVAL_MESSAGE, ONE_STAGE = range(4)
-NO_SIGNAL: Final = -1  # the level of a channel that has nothing to see
-HELD: Final = -1
-# states whose covariance is kept: motion and clock
-RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
-
-
-class ReceiverDesign(NamedTuple):
-    """What fixes a receiver."""
-
-    kind: int
-    interval: int  # integrations between two updates of the second stage
-    inflation: float  # of the variances of the channels' running estimates, as rows
-    F: Float64  # (p, p) transition of a channel's range, rate (and acceleration) over an integration
-    walk: Float64  # (p, p) what is added to their covariance
-    record_every: int  # integrations
-    settle: int  # integrations whose offsets do not count
-    # beyond which a channel is lost: range [m], rate [m/s], and for how long
-    limits: tuple[float, float, int]
-    # in which oscillators set replicas: range [m], rate [m/s]; 0: no steps
-    steps: tuple[float, float]
-
-
-class SignalArrivals(NamedTuple):
-    """What arrives over n integrations, m channels."""
-
-    ranges: Float64  # (n, m) with the receiver's clock [m]
-    rates: Float64  # (n, m) with its drift [m/s]
-    level: Int64  # (n, m) of C/N0, ``NO_SIGNAL`` where none arrives
-    apart: Float64  # (n, m) ranges by the phase less those by the code [m]
-
-
-class AidingInputs(NamedTuple):
-    """The receiver's aiding over n integrations."""
-
-    satellites: Float64  # (n, m, 6)
-    rate_b: Float64  # (n, 3)
-    force_b: Float64  # (n, 3)
-    ahead_b: Float64  # (n, 6) errors of replicas that are led on: place [m] and velocity [m/s], body axes
-    level: Int64  # (n, m) of the C/N0 that it takes for true, ``NO_SIGNAL``: the channel's rows are left out
-    unknown: Float64  # (n, 2) densities of turning and acceleration that no sample shows [rad^2/s], [m^2/s^3]
-
-
-class FilterRoom(NamedTuple):
-    """The filter and its work space."""
-
-    state: StateArray  # (1,)
-    P: Float64  # (n, n)
-    par: npt.NDArray[Any]  # (1,) of PARAMETERS_DTYPE
-    scratch: Scratch
-    v: Float64  # (4, n)
-    h: Float64  # (2, 8)
-    columns: Int64  # (8,)
-    phase_columns: Int64  # (5,) scratch
-
-
-class ChannelRoom(NamedTuple):
-    """The channels' states and work space."""
-
-    x: Float64  # (m, p) range [m], rate [m/s], acceleration [m/s^2]
-    P: Float64  # (m, p, p)
-    base: Float64  # (m, 2) the filter's predictions from which the next change is counted
-    message: Float64  # (m, 5) of the interval
-    u: Float64  # (m, 3)
-    g: Float64  # (m, 3) derivative of the range rate by the position
-    predicted: Float64  # (m, 2)
-    v: Float64  # (3, p)
-    F_P: Float64  # (p, p)
-    h: Float64  # (p,)
-    columns: Int64  # (p,)
-    offset: Float64  # (3,)
-    seen: Float64  # (4,)
-    silent: Int64  # (m,) 1: nothing was seen in the last integration
-    done: Int64  # (1,) integrations so far
-
-
-class ReceiverHistory(NamedTuple):
-    """What is kept of a run."""
-
-    state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
-    covariance: Float64  # (k, 11, 11) of ``RECORDED``
-    offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
-    squares: Float64  # (m, 2) sums over the integrations that count
-    counted: Int64  # (m,)
-    lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
-    losing: Int64  # (m,) integrations in a row beyond the limits
-    power: Float64  # (block, m) of the prompt replicas
-    apart: Float64  # (k, m, 2) the filter's own ranges by phase less those by code, and their variance
 
 
 @kernel
@@ -165,25 +105,25 @@ def run_receiver(
                 lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
             predict_offsets(m, told.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
-            lead_channels(receiver, channels.step_s, with_filter, room)
+            lead_channels(receiver, channels.step_s, with_filter, told.unknown[k, 1], room)
         for i in range(f.v.shape[1]):
             f.v[0, i] = 0.0
         for c in range(noise.shape[1]):
             silent = told.level[k, c] == NO_SIGNAL
             if room.silent[c] == 1 and not silent and with_filter:
-                restart_channel(
-                    f, room, c
-                )  # the signal is back: search has its centre where the filter expects it
+                # the signal is back: search has its centre where the filter expects it
+                restart_channel(f, room, c)
+                room.pulling[c] = PULL_IN if has_phase_states(f) else 0
             room.silent[c] = 1 if silent else 0
             estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
             led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
-            apart = m.optional[c] if channels.with_code else 0.0
+            apart = phase_apart(receiver, f, c)
             led_m = in_steps(estimate[0] + apart, led_m, receiver.steps[0])
             led_mps = in_steps(estimate[1], led_mps, receiver.steps[1])
-            room.offset[OFFSET_CODE] = arriving.ranges[k, c] - estimate[0] - led_m
-            room.offset[OFFSET_RANGE] = room.offset[OFFSET_CODE] + (arriving.apart[k, c] - apart)
-            room.offset[OFFSET_RATE] = arriving.rates[k, c] - estimate[1] - led_mps
-            if arriving.level[k, c] != NO_SIGNAL and not silent:
+            set_offsets(arriving, k, c, estimate, (led_m, led_mps), apart, room)
+            if room.pulling[c] > 0:
+                count_from_nearest(channels, room, c)
+            elif arriving.level[k, c] != NO_SIGNAL and not silent:
                 count_offset(receiver, room.offset, c, step, found)
             observe_channel(
                 channels, arriving.level[k, c], told.level[k, c], room.offset, noise[k, c], room.seen
@@ -192,6 +132,7 @@ def run_receiver(
             room.seen[SEEN_RANGE] += led_m
             room.seen[SEEN_RATE] += led_mps
             room.seen[SEEN_CODE] += led_m
+            room.seen[SEEN_ANGLE] += led_m
             if not silent:
                 take_observation(receiver, channels, channels.table[told.level[k, c]], estimate, f, room, c)
         if receiver.kind == ONE_STAGE:
@@ -241,6 +182,22 @@ def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]
 
 
 @kernel(inline=True)
+def set_offsets(
+    arriving: SignalArrivals,
+    k: int,
+    c: int,
+    estimate: Float64,
+    led: tuple[float, float],
+    apart: float,
+    room: ChannelRoom,
+) -> None:
+    """Write truth less replica; ``led`` [m, m/s] the replica's own offset, ``apart`` [m] that of phase from code."""
+    room.offset[OFFSET_CODE] = arriving.ranges[k, c] - estimate[0] - led[0]
+    room.offset[OFFSET_RANGE] = room.offset[OFFSET_CODE] + (arriving.apart[k, c] + room.cycles[c] - apart)
+    room.offset[OFFSET_RATE] = arriving.rates[k, c] - estimate[1] - led[1]
+
+
+@kernel(inline=True)
 def take_observation(
     receiver: ReceiverDesign,
     channels: ChannelConstants,
@@ -252,15 +209,24 @@ def take_observation(
 ) -> None:
     """Pass a channel's observations to the filter or to the channel's own; ``row`` (7,) is the table's."""
     seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
+    begun = room.pulling[c] > 0 and pull_in(receiver, channels, variances[0], f, room, c)
     if channels.with_code:
+        if begun:
+            offset_range_row(room.u[c], f.h[0])
+            columns = f.columns[:RANGE_COLUMNS]
+            scalar_update(f.P, f.h[0], columns, seen[SEEN_CODE], row[CODE_VARIANCE], f.v)
+            return
         z, of_both = (seen[SEEN_RANGE], seen[SEEN_CODE]), (variances[0], row[CODE_VARIANCE])
         use_phase_and_code(f.P, f.phase_columns, OFFSETS + c, room.u[c], z, of_both, f.h[0], f.v)
+    elif begun:
+        return
     elif receiver.kind == ONE_STAGE:
         C = (variances[0], 0.0, variances[1])
+        own_column(f, c)
         use_offsets(f.P, f.columns, room.u[c], room.g[c], (seen[SEEN_RANGE], seen[SEEN_RATE]), C, f.h[0], f.v)
     else:
         if receiver.kind == INTERVAL_MESSAGE:
-            add_observation(room.message[c], estimate, room.predicted[c], seen, variances)
+            add_to_message(f, room, c, variances)
         correct_channel(room, c, variances)
 
 
@@ -273,12 +239,16 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 
 @kernel(inline=True)
-def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: ChannelRoom) -> None:
+def lead_channels(
+    receiver: ReceiverDesign, dt: float, with_filter: bool, unknown: float, room: ChannelRoom
+) -> None:
     """Carry the channels on, by their own rates and by how the filter's predictions have changed.
 
-    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W
+    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W + U,
+              U = q [T^3/3, T^2/2; T^2/2, T], q = ``unknown`` the density of an acceleration that no sample shows
     """
     n = receiver.F.shape[0]
+    u = (unknown * dt**3 / 3.0, unknown * dt**2 / 2.0, unknown * dt) if with_filter else (0.0, 0.0, 0.0)
     for c in range(room.x.shape[0]):
         x, P, F_P = room.x[c], room.P[c], room.F_P
         for i in range(n):
@@ -290,6 +260,8 @@ def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: 
             x[0] += room.predicted[c, 0] - room.base[c, 0] - dt * room.base[c, 1]
             x[1] += room.predicted[c, 1] - room.base[c, 1]
             carry_message(room.message[c], dt)
+            if unknown > 0.0:
+                widen_message(room.message[c], u)
         for i in range(n):
             for j in range(n):
                 total = 0.0
@@ -303,6 +275,10 @@ def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: 
                     total += F_P[i, b] * receiver.F[j, b]
                 P[i, j] = total
                 P[j, i] = total
+        P[0, 0] += u[0]
+        P[0, 1] += u[1]
+        P[1, 0] += u[1]
+        P[1, 1] += u[2]
 
 
 @kernel(inline=True)
@@ -328,11 +304,18 @@ def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: C
             for i in range(room.message.shape[1]):
                 room.message[c, i] = 0.0
         else:
-            z = (room.x[c, 0] - room.predicted[c, 0], room.x[c, 1] - room.predicted[c, 1])
+            expected = room.predicted[c, 0] + (f.state[0].optional[c] if has_phase_states(f) else 0.0)
+            z = (room.x[c, 0] - expected, room.x[c, 1] - room.predicted[c, 1])
             P = room.P[c]
             C = (receiver.inflation * P[0, 0], receiver.inflation * P[0, 1], receiver.inflation * P[1, 1])
         if level[c] != NO_SIGNAL and C[0] > 0.0:
-            use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
+            own_column(f, c)
+            if room.fresh[c] == 1:
+                begin_phase(f.P, f.columns, room.u[c], z[0], C[0], f.h[0], f.v)
+                use_rate_beside(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
+                room.fresh[c] = 0
+            else:
+                use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
 
 
 @kernel(inline=True)
@@ -340,6 +323,10 @@ def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
     """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
     x, P = room.x[c], room.P[c]
     x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
+    if has_phase_states(f):
+        x[0] += f.state[0].optional[c]
+    room.fresh[c] = 0
+    own_column(f, c)
     D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
     P[0, 0], P[0, 1], P[1, 0], P[1, 1] = D[0], D[1], D[1], D[2]
 
@@ -387,8 +374,10 @@ def record(
             found.covariance[at, i, j] = f.P[RECORDED[i], RECORDED[j]]
     for c in range(room.x.shape[0]):
         estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
-        found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0]
+        apart = phase_apart(receiver, f, c)
+        found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0] + (room.cycles[c] - apart)
+        found.offsets[at, c, 0] += arriving.apart[k, c]
         found.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
         if f.P.shape[0] > OFFSETS:
-            found.apart[at, c, 0] = m.optional[c]
+            found.apart[at, c, 0] = m.optional[c] - room.cycles[c]
             found.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]

@@ -28,7 +28,7 @@ from insgnss.runs.margin.link import emitter_gain
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
-from insgnss.studies.receiver.loop import FilterRoom
+from insgnss.studies.receiver.workspace import FilterRoom
 from insgnss.tables import Bool, Float64, Int8
 
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe

@@ -16,18 +16,7 @@ from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
-from insgnss.studies.receiver.loop import (
-    HELD,
-    NO_SIGNAL,
-    RECORDED,
-    AidingInputs,
-    ChannelRoom,
-    FilterRoom,
-    ReceiverDesign,
-    ReceiverHistory,
-    SignalArrivals,
-    run_receiver,
-)
+from insgnss.studies.receiver.loop import run_receiver
 from insgnss.studies.receiver.masking import ReceiverMasking
 from insgnss.studies.receiver.search import Searches, SearchRow
 from insgnss.studies.receiver.variants import (
@@ -40,6 +29,17 @@ from insgnss.studies.receiver.variants import (
     receiver_of,
     without_ins,
 )
+from insgnss.studies.receiver.workspace import (
+    HELD,
+    NO_SIGNAL,
+    RECORDED,
+    AidingInputs,
+    ChannelRoom,
+    FilterRoom,
+    ReceiverDesign,
+    ReceiverHistory,
+    SignalArrivals,
+)
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
 from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
@@ -50,6 +50,8 @@ from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, no
 
 _BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
+# singular value of the directions and the clock's column: below it errors of ranges count a hundredfold
+_LEAST_GEOMETRY: Final = 0.01
 _LOST_S: Final = 1.0  # ... if it lasts so long; the same of a delay of one chip
 
 
@@ -89,11 +91,22 @@ class Setting:
         steps = round(_LOST_S / self.channels.step_s)
         return self.channels.chip_m, 2.0 * math.pi * _LOST_HZ / k, steps
 
+    def may_lose_signals(self, cn0_dbhz: Float64) -> bool:
+        """Return whether a channel may be without a signal for a time, and come back."""
+        chosen = self.masking is not None or self.estimates_cn0
+        return chosen or not bool((cn0_dbhz >= max(self.least_cn0_dbhz, -1e9)).all())
+
     @cached_property
     def solution(self) -> Float64:
-        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m)."""
+        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m).
+
+        NaN where the satellites do not fix all four: less than four of them, or all on one cone.
+        """
         u = self.truth.directions(slice(None, None, self.record_every))
-        return np.asarray(np.linalg.pinv(np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)))
+        H = np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)
+        values = np.linalg.svd(H, compute_uv=False)
+        fixed = (values.shape[1] == 4) & (values[:, -1] > _LEAST_GEOMETRY)
+        return np.where(fixed[:, None, None], np.linalg.pinv(H), np.nan)
 
 
 @dataclass(frozen=True)
@@ -150,7 +163,9 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
     directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
     begin, density = TrueStart.of(truth, clock), setting.divergence_density
-    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
+    cn0 = np.broadcast_to(cn0_dbhz, (count, m))
+    phases = m if variant.has_filter and channels.coherent and setting.may_lose_signals(cn0) else 0
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density, phases)
     receiver = receiver_of(
         variant,
         truth.step_s,
@@ -164,7 +179,6 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
     found = new_found(receiver, count, m, _block(truth))
-    cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
     masking = setting.masking
@@ -218,6 +232,7 @@ def _run_blocks(
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
     # the C/N0 that the receiver takes for true
     block, taken, estimates = _block(truth), arriving.level[0], []
+    believed = cn0[0]
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = SignalArrivals(
@@ -226,12 +241,15 @@ def _run_blocks(
         told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
         if setting.told_cn0_dbhz is not None:
             told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
-        if setting.estimates_cn0:
+            believed = np.full(m, setting.told_cn0_dbhz)
+        elif setting.estimates_cn0:
             told_level = np.tile(taken, (len(here.level), 1))
-        elif searches is not None:
+        else:
+            believed = cn0[first]
+        if searches is not None:
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
-            told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
+            told_level = searches.told(told_level, believed, truth.step_s * first, f, room, off)
         told = AidingInputs(
             whole.satellites[part],
             whole.rate_b[part],
@@ -245,7 +263,7 @@ def _run_blocks(
         if setting.estimates_cn0 and len(here.level) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
             unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
-            taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
+            taken, believed = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1])), estimates[-1]
     return np.array(estimates).reshape(-1, m)
 
 
@@ -282,6 +300,9 @@ def channel_room(
         offset=np.zeros(3),
         seen=np.zeros(N_SEEN),
         silent=np.zeros(m, np.int64),
+        pulling=np.zeros(m, np.int64),
+        fresh=np.zeros(m, np.int64),
+        cycles=np.zeros(m),
         done=np.zeros(1, np.int64),
     )
 

@@ -21,17 +21,17 @@ from insgnss.interference.margin import db
 from insgnss.simulation.assembly import Inputs, trajectory_of
 from insgnss.simulation.closed_loop_sky import (
     GPS_RADIUS_M,
-    LONGEST_LATENCY_S,
     closed_loop_truth,
     inertial_truth,
     orbits_towards,
 )
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.studies.receiver.imu import UnknownMotion, require_gaps
+from insgnss.studies.receiver.admission import integrations, require_imu, require_slow_oscillator
+from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import STARTS
 from insgnss.tables import Float64
-from insgnss.tracking.admissible import require_known, require_not_negative, require_positive, require_within
+from insgnss.tracking.admissible import require_known, require_within
 from insgnss.tracking.vector_loop import TRACKINGS, channels_of
 
 # eight satellites well spread, two of them low
@@ -40,7 +40,9 @@ ELEVATION_DEG: Final = (12.0, 40.0, 20.0, 65.0, 15.0, 35.0, 70.0, 25.0)
 # after the scenario's first moment: inertial samples come before the first integration
 _BEGINS_S: Final = 1.0
 _RECORD_S: Final = 0.1
-_MAX_INTEGRATIONS: Final = 2_000_000
+_MAX_DRIFT: Final = (
+    1e9  # of an oscillator: a hundred thousand times a crystal without compensation [rad^2/s^3]
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,8 @@ class ReceiverOptions:
 
     def told(self) -> dict[str, Any]:
         """Return the options as plain values."""
-        return asdict(self)
+        values = asdict(self)
+        return values | {"symbol_s": self.symbol_s if math.isfinite(self.symbol_s) else "inf"}
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,8 @@ def scene_of(
     """
     o, step = options, options.step_s
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
-    interval, settle, count = _steps(o)
+    interval, settle, count = integrations(o)
+    require_imu(imu)
     config, name = _motion(scenario)
     trajectory, whole_s = trajectory_of(config, Inputs(), 0)
     if o.duration_s + _BEGINS_S > whole_s:
@@ -152,46 +156,9 @@ def scene_of(
         divergence_density=o.divergence_density,
         steps=(o.replica_step_m, o.replica_step_mps),
     )
+    require_slow_oscillator(setting.drift_density, setting.channels)
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
     return StudyScene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
-
-
-def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
-    """Return integrations in an interval, until settled, and in all.
-
-    Raises
-    ------
-    ConfigError : times that do not fit each other
-    """
-    require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s, symbol_s=o.symbol_s)
-    require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
-    require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
-    require_gaps(o.imu_gaps_s, o.duration_s)
-    require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
-    require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
-    if o.imu_rate_hz is not None:
-        require_within(10.0, 10_000.0, "samples per second", imu_rate_hz=o.imu_rate_hz)
-    if o.step_s > o.symbol_s * (1.0 + 1e-9):
-        raise ConfigError(
-            f"an integration of {o.step_s:g} s is longer than a symbol of {o.symbol_s:g} s",
-            key="step_s",
-            advice="integrate for a symbol at most, or track a pilot: symbol_s = inf",
-        )
-    interval = round(o.interval_s / o.step_s)
-    if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
-        raise ConfigError(
-            f"an interval of {o.interval_s:g} s is not a whole number of integrations of {o.step_s:g} s",
-            key="interval_s",
-            advice=f"give a multiple, as {max(interval, 2) * o.step_s:g}",
-        )
-    count, settle = round(o.duration_s / o.step_s), round(o.settle_s / o.step_s)
-    if not settle < count <= _MAX_INTEGRATIONS:
-        raise ConfigError(
-            f"{count} integrations, of which {settle} settle",
-            key="duration_s",
-            advice=f"fly longer than settle_s, and for {_MAX_INTEGRATIONS} integrations at most",
-        )
-    return interval, settle, count
 
 
 def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, str]:
@@ -223,11 +190,15 @@ def _drift_density(oscillator: str | Mapping[str, float], carrier_hz: float) -> 
     """
     if isinstance(oscillator, str):
         return float(density_of_walk(oscillator_named(oscillator).h_minus2_per_s, carrier_hz))
+    if not isinstance(oscillator, Mapping):
+        advice = 'give a name, or {"drift_density": 100.0}'
+        raise ConfigError(f"{oscillator!r} is not an oscillator", key="oscillator", advice=advice)
     unknown = set(oscillator) - {"drift_density"}
     if unknown or "drift_density" not in oscillator:
         key = ", ".join(sorted(unknown)) or "nothing"
         raise ConfigError(
             f"an oscillator of {key}", key="oscillator", advice='give a name, or {"drift_density": 100.0}'
         )
-    require_not_negative("one-sided, rad^2/s^3", drift_density=oscillator["drift_density"])
+    advice = "one-sided, rad^2/s^3: 0.02 of an oven, 100 and more of a cheap crystal"
+    require_within(0.0, _MAX_DRIFT, advice, drift_density=oscillator["drift_density"])
     return float(oscillator["drift_density"])

@@ -13,11 +13,12 @@ import numpy as np
 
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS
+from insgnss.filter.rows.replica_offset import COLUMNS
 from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import SignalScale, search_window
-from insgnss.studies.receiver.loop import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.studies.receiver.masking import AttitudeMask, ReceiverMasking
+from insgnss.studies.receiver.workspace import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.tables import Bool, Float64, Int64
 from insgnss.tracking.vector_loop import ChannelConstants
 
@@ -29,7 +30,7 @@ class SearchRow(NamedTuple):
     lost_s: float  # since when it had no signal
     back_s: float  # when the signal was back
     tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
-    cn0_dbhz_back: float
+    cn0_dbhz_back: float  # that the receiver believes in then
     sd_delay_m: float
     off_m: float  # true offset from where the filter expects it
     sd_rate_mps: float
@@ -52,7 +53,7 @@ class Searches:
         self.need = detector(self.settings.detection)
         self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, self.settings.grid.code_chips)
         self.lost_s = np.full(count, np.inf)  # inf: the channel has its signal
-        self.tracked_s = np.full(count, -np.inf)
+        self.tracked_s = np.zeros(count)  # inf: the last search has failed
         self.rows: list[SearchRow] = []
         self._mask = None if masking is None else AttitudeMask(masking, count)
 
@@ -64,7 +65,7 @@ class Searches:
         Parameters
         ----------
         level : (n, m) of the signals, ``NO_SIGNAL`` where none is, or too weak a one
-        cn0_dbhz : (m,) at the block's begin
+        cn0_dbhz : (m,) that the receiver believes in at the block's begin
         t_s : of the block's begin
         off : (m, 2) true offsets from the filter's prediction, at the block's begin
         """
@@ -76,15 +77,21 @@ class Searches:
                 self.lost_s[c] = t_s
             if not gone and np.isfinite(self.lost_s[c]):
                 row = self._search(c, float(cn0_dbhz[c]), t_s, f, room, off[c])
-                self.rows.append(row)
-                self.tracked_s[c], self.lost_s[c] = row.tracked_s, np.inf
+                # a signal that is too weak to be found is looked for again in the next block, and told once
+                if np.isfinite(row.tracked_s) or np.isfinite(self.tracked_s[c]):
+                    self.rows.append(row)
+                self.tracked_s[c] = row.tracked_s
+                if np.isfinite(row.tracked_s):
+                    self.lost_s[c] = np.inf
         searching: Bool = self.tracked_s > t_s
         return np.where(searching, NO_SIGNAL, level)
 
     def _search(
         self, c: int, cn0_dbhz: float, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
     ) -> SearchRow:
-        d_range, _, d_rate = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+        # the window is that of the code: a phase's own state does not count
+        columns = f.columns[: len(COLUMNS)]
+        d_range, _, d_rate = offset_covariance(f.P, columns, room.u[c], room.g[c], f.h, f.v)
         found = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
         within = bool(found.within_aperture)
         waits_s = 0.0 if within else float(found.search_s)

@@ -46,7 +46,7 @@ from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialAiding
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.studies.receiver.imu import UnknownMotion
-from insgnss.studies.receiver.loop import (
+from insgnss.studies.receiver.workspace import (
     INTERVAL_MESSAGE,
     ONE_STAGE,
     SCALAR,
@@ -212,15 +212,19 @@ def filter_room(
     with_ins: bool,
     directions: Float64 | None = None,
     divergence_density: float = 0.0,
+    phases: int = 0,
 ) -> FilterRoom:
     """Return a filter that begins with errors of the ``start``'s sigmas.
 
     Without INS the attitude is that of ECEF and has no error; the bias of the accelerometers begins at minus the
     vehicle's acceleration. With ``directions`` (m, 3) to the satellites each phase has a state of its own: position and
     clock are those of a code that was acquired, and the phases have been seen once with the ``start``'s sigma.
+    Without directions there is room for ``phases`` of them: their variance is zero until a phase comes
+    back whose cycle is not known.
     """
-    extra = 0 if directions is None else len(directions)
-    layout = phase_states(extra, divergence_density)
+    phases = phases if directions is None else 0
+    extra = phases if directions is None else len(directions)
+    layout = phase_states(extra, divergence_density if directions is not None else 0.0)
     bank, sensor, n = new_bank(1, extra), sensor_model(grade), OFFSETS + extra
     m, P = bank.state[0], bank.P[0]
     sigma = np.zeros(n)
@@ -234,7 +238,9 @@ def filter_room(
     if directions is not None:
         sigma[DR : DR + 3], sigma[CLOCK], sigma[OFFSETS:] = _FOUND_M, _FOUND_M, _FOUND_M
     P[:] = np.diag(sigma**2)
-    error = sigma * rng.standard_normal(n)
+    draws = np.zeros(n)
+    draws[: n - phases] = rng.standard_normal(n - phases)
+    error = sigma * draws
     if directions is not None:
         error = _phases_seen(P, error, directions, start.position_m, rng)
         m.optional[:extra] = error[OFFSETS:]
@@ -253,8 +259,8 @@ def filter_room(
         parameters_of(grade, oscillator, layout),
         new_scratch(n),
         np.zeros((4, n)),
-        np.zeros((2, len(COLUMNS))),
-        np.array(COLUMNS, np.int64),
+        np.zeros((2, len(COLUMNS) + 1)),
+        np.array((*COLUMNS, OFFSETS) if extra else COLUMNS, np.int64),
         np.array((*COLUMNS[:RANGE_COLUMNS], OFFSETS), np.int64),
     )
 

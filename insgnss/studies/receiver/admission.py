@@ -1,0 +1,233 @@
+"""What numbers a receiver study takes: each refusal names its key, says why, and what to give."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from insgnss.config.flight import ImuGrade
+from insgnss.constants import C_MPS
+from insgnss.errors import ConfigError
+from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
+from insgnss.simulation.closed_loop_sky import LONGEST_LATENCY_S
+from insgnss.studies.receiver.imu import require_gaps
+from insgnss.studies.receiver.phase_return import SURE_SIGMAS
+from insgnss.studies.receiver.variants import VARIANTS, Variant, variant_of
+from insgnss.studies.receiver.workspace import TWO_STAGE
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import (
+    require_not_negative,
+    require_number,
+    require_positive,
+    require_whole,
+    require_within,
+)
+from insgnss.tracking.discriminator_outputs import PHASE_KINDS
+from insgnss.tracking.phase_discriminators import PhaseDiscriminator
+from insgnss.tracking.vector_loop import LEAST_DBHZ, MOST_DBHZ, ChannelConstants
+
+if TYPE_CHECKING:
+    from insgnss.studies.receiver.runs import Setting
+    from insgnss.studies.receiver.scene import ReceiverOptions
+
+_MAX_INTEGRATIONS: Final = 2_000_000
+_CARRIER_HZ: Final = (1e8, 1e11)  # of satellite navigation: 1.1 to 5 GHz, and room around them
+_CHIP_HZ: Final = (1e4, 1e9)
+_ORBIT_M: Final = 1e9  # beyond the Moon no satellite navigates
+_MOTION: Final = (1e4, 1e5)  # a thousand g [m/s^2]; a day [s]
+_BEST_CN0_DBHZ: Final = 60.0
+
+
+def integrations(o: ReceiverOptions) -> tuple[int, int, int]:
+    """Return integrations in an interval, until settled, and in all.
+
+    Raises
+    ------
+    ConfigError : numbers that make no sense, or times that do not fit each other
+    """
+    require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s)
+    _check_signal(o)
+    require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
+    require_gaps(o.imu_gaps_s, o.duration_s)
+    require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
+    require_within(0.0, _MOTION[0], "a thousand g at most", unknown_mps2=o.unknown_mps2)
+    require_within(0.0, _MOTION[1], "a day at most", unknown_s=o.unknown_s)
+    require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
+    if o.imu_rate_hz is not None:
+        require_within(10.0, 10_000.0, "samples per second", imu_rate_hz=o.imu_rate_hz)
+    if o.step_s > o.symbol_s * (1.0 + 1e-9):
+        raise ConfigError(
+            f"an integration of {o.step_s:g} s is longer than a symbol of {o.symbol_s:g} s",
+            key="step_s",
+            advice="integrate for a symbol at most, or track a pilot: symbol_s = inf",
+        )
+    require_within(0.0, o.duration_s, "an interval is a part of the study", interval_s=o.interval_s)
+    interval = round(o.interval_s / o.step_s)
+    if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
+        raise ConfigError(
+            f"an interval of {o.interval_s:g} s is not a whole number of integrations of {o.step_s:g} s",
+            key="interval_s",
+            advice=f"give a multiple, as {max(interval, 2) * o.step_s:g}",
+        )
+    count, settle = round(o.duration_s / o.step_s), round(o.settle_s / o.step_s)
+    if not settle < count <= _MAX_INTEGRATIONS:
+        raise ConfigError(
+            f"{count} integrations, of which {settle} settle",
+            key="duration_s",
+            advice=f"fly longer than settle_s, and for {_MAX_INTEGRATIONS} integrations at most",
+        )
+    return interval, settle, count
+
+
+def _check_signal(o: ReceiverOptions) -> None:
+    """Refuse a signal, an orbit or an oscillator's steps that no receiver has.
+
+    Raises
+    ------
+    ConfigError : the first thing that makes no sense
+    """
+    if not require_number("symbol_s", o.symbol_s) > 0.0:
+        raise ConfigError(
+            f"a symbol of {o.symbol_s:g} s", key="symbol_s", advice="give seconds, or inf for a pilot"
+        )
+    require_within(*_CARRIER_HZ, "give hertz, as 1575.42e6", carrier_hz=o.carrier_hz)
+    require_within(*_CHIP_HZ, "give chips per second, as 1.023e6", chip_hz=o.chip_hz)
+    require_positive(orbit_radius_m=o.orbit_radius_m)
+    require_within(0.0, _ORBIT_M, "give metres, as 26.56e6", orbit_radius_m=o.orbit_radius_m)
+    require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
+    require_within(0.0, C_MPS / o.chip_hz, "a chip at most", replica_step_m=o.replica_step_m)
+    # a step of frequency of more than a cycle in an integration
+    fastest = C_MPS / o.carrier_hz / o.step_s
+    require_within(0.0, fastest, "a cycle in an integration at most", replica_step_mps=o.replica_step_mps)
+    levels = f"give {LEAST_DBHZ:g} to {MOST_DBHZ:g} dBHz"
+    if o.told_cn0_dbhz is not None:
+        require_within(LEAST_DBHZ, MOST_DBHZ, levels, told_cn0_dbhz=o.told_cn0_dbhz)
+        if o.estimates_cn0:
+            raise ConfigError(
+                f"the receiver takes {o.told_cn0_dbhz:g} dBHz for true, and estimates its C/N0 too",
+                key="told_cn0_dbhz",
+                advice="give told_cn0_dbhz, or estimates_cn0 = true",
+            )
+    if o.least_cn0_dbhz is not None:
+        require_within(LEAST_DBHZ, MOST_DBHZ, levels, least_cn0_dbhz=o.least_cn0_dbhz)
+
+
+def checked_call(
+    cn0: Sequence[float], numbers: Mapping[str, int], wanted: Mapping[str, Variant], *, with_ins: bool
+) -> list[float]:
+    """Return the levels of C/N0, the highest first; ``numbers`` are runs and threads.
+
+    Raises
+    ------
+    ConfigError : the first thing that makes no sense
+    """
+    try:
+        levels = sorted({float(x) for x in np.atleast_1d(np.asarray(cn0, float))}, reverse=True)
+    except (TypeError, ValueError):
+        raise ConfigError(
+            f"{cn0!r} is not a list of C/N0", key="cn0", advice="give dBHz, as [45, 35]"
+        ) from None
+    if not levels or not all(LOWEST_CN0_DBHZ <= x <= _BEST_CN0_DBHZ for x in levels):
+        raise ConfigError(
+            f"C/N0 of {', '.join(f'{x:g}' for x in levels) or 'nothing'} dBHz",
+            key="cn0",
+            advice=f"give {LOWEST_CN0_DBHZ:g} to {_BEST_CN0_DBHZ:g} dBHz: below it no receiver tracks",
+        )
+    if not wanted:
+        raise ConfigError("no receiver is asked for", key="variants", advice=f"known: {', '.join(VARIANTS)}")
+    require_whole(1, "40 runs give a share to 8 %", **numbers)
+    aided = [name for name, variant in wanted.items() if variant.needs_ins]
+    if aided and not with_ins:
+        raise ConfigError(
+            f"'{aided[0]}' needs an inertial system for aiding, and none is given",
+            key="variants",
+            advice='without INS there are "scalar" and "one_stage"',
+        )
+    return levels
+
+
+def wanted_variants(variants: Sequence[str | Variant]) -> dict[str, Variant]:
+    """Return receivers by their names.
+
+    Raises
+    ------
+    ConfigError : an unknown name
+    """
+    asked: Sequence[Any] = (variants,) if isinstance(variants, str | Variant) else variants
+    found = [variant_of(each) for each in asked]
+    return {
+        name if isinstance(name, str) else each.words: each for name, each in zip(asked, found, strict=True)
+    }
+
+
+def require_imu(imu: Any) -> None:
+    """Refuse anything but an inertial system.
+
+    Raises
+    ------
+    ConfigError : neither a name, nor a grade, nor None
+    """
+    if not (imu is None or isinstance(imu, str | ImuGrade)):
+        raise ConfigError(
+            f"{imu!r} is not an inertial system",
+            key="imu",
+            advice="give a grade by name, an ImuGrade, or None",
+        )
+
+
+def require_slow_oscillator(drift_density: float, channels: ChannelConstants) -> None:
+    """Refuse an oscillator that the loops of ``step_s`` cannot follow: their B T is too large.
+
+    Equation: 4 sqrt(S / 2 t) t < half the distance of the stable points; t an integration, or a half of it where
+              frequency is tracked (a cycle of which data leave one half)
+
+    Raises
+    ------
+    ConfigError : the phase is open from one integration to the next
+    """
+    t = channels.step_s if channels.coherent else 0.5 * channels.step_s
+    kind = PHASE_KINDS[channels.kinds[0]] if channels.coherent else "iq"
+    turned = math.sqrt(0.5 * drift_density * t) * t
+    limit = 0.5 * PhaseDiscriminator(kind).aperture_rad / SURE_SIGMAS
+    if not turned < limit:
+        most = 2.0 * limit**2 / t**3
+        raise ConfigError(
+            f"an oscillator of {drift_density:g} rad^2/s^3 turns the phase by {turned:.2g} rad (1 sigma) within "
+            f"{t:g} s: B T is too large",
+            key="step_s",
+            advice=f"integrate for a shorter time, or take an oscillator below {most:.2g} rad^2/s^3",
+        )
+
+
+def require_answers(setting: Setting, wanted: Mapping[str, Variant], cn0: Mapping[float, Float64]) -> None:
+    """Refuse receivers that cannot give a result in this setting.
+
+    Raises
+    ------
+    ConfigError : least squares without a geometry, channels that follow nothing, or a C/N0 that no channel reaches
+    """
+    for name, variant in wanted.items():
+        if variant.kind == TWO_STAGE and not variant.widening * setting.drift_density > 0.0:
+            raise ConfigError(
+                f"the channels of '{name}' follow the oscillator's drift alone, and it has none",
+                key="oscillator",
+                advice='give {"drift_density": 0.02} or more, or take "one_stage"',
+            )
+        if not variant.has_filter and np.isnan(setting.solution).all():
+            count = setting.truth.ranges.shape[1]
+            few = f"there are {count} satellites" if count < 4 else "the satellites lie on one cone"
+            raise ConfigError(
+                f"'{name}' has no filter, its position is the least squares of four satellites or more: {few}",
+                key="azimuth_deg",
+                advice='give four satellites in different directions, or a receiver with INS as "one_stage"',
+            )
+    best = max(float(np.nanmax(profile)) for profile in cn0.values())
+    if best < setting.least_cn0_dbhz:
+        raise ConfigError(
+            f"no channel is ever used: C/N0 is {best:g} dBHz at most",
+            key="least_cn0_dbhz",
+            advice="give a limit below it",
+        )

@@ -1,0 +1,105 @@
+"""What a receiver study's loop works on: its design, what arrives, the rooms of filter and channels, its history."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy.typing as npt
+
+from insgnss.filter.prediction import Scratch
+from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray
+from insgnss.inertial.error_state import N_MOTION
+from insgnss.tables import Float64, Int64
+
+# which receiver
+SCALAR, TWO_STAGE, INTERVAL_MESSAGE, ONE_STAGE = range(4)
+NO_SIGNAL: Final = -1  # the level of a channel that has nothing to see
+HELD: Final = -1
+# states whose covariance is kept: motion and clock
+RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
+
+
+class ReceiverDesign(NamedTuple):
+    """What fixes a receiver."""
+
+    kind: int
+    interval: int  # integrations between two updates of the second stage
+    inflation: float  # of the variances of the channels' running estimates, as rows
+    F: Float64  # (p, p) transition of a channel's range, rate (and acceleration) over an integration
+    walk: Float64  # (p, p) what is added to their covariance
+    record_every: int  # integrations
+    settle: int  # integrations whose offsets do not count
+    # beyond which a channel is lost: range [m], rate [m/s], and for how long
+    limits: tuple[float, float, int]
+    # in which oscillators set replicas: range [m], rate [m/s]; 0: no steps
+    steps: tuple[float, float]
+
+
+class SignalArrivals(NamedTuple):
+    """What arrives over n integrations, m channels."""
+
+    ranges: Float64  # (n, m) with the receiver's clock [m]
+    rates: Float64  # (n, m) with its drift [m/s]
+    level: Int64  # (n, m) of C/N0, ``NO_SIGNAL`` where none arrives
+    apart: Float64  # (n, m) ranges by the phase less those by the code [m]
+
+
+class AidingInputs(NamedTuple):
+    """The receiver's aiding over n integrations."""
+
+    satellites: Float64  # (n, m, 6)
+    rate_b: Float64  # (n, 3)
+    force_b: Float64  # (n, 3)
+    ahead_b: Float64  # (n, 6) errors of replicas that are led on: place [m] and velocity [m/s], body axes
+    level: Int64  # (n, m) of the C/N0 that it takes for true, ``NO_SIGNAL``: the channel's rows are left out
+    unknown: Float64  # (n, 2) densities of turning and acceleration that no sample shows [rad^2/s], [m^2/s^3]
+
+
+class FilterRoom(NamedTuple):
+    """The filter and its work space."""
+
+    state: StateArray  # (1,)
+    P: Float64  # (n, n)
+    par: npt.NDArray[Any]  # (1,) of PARAMETERS_DTYPE
+    scratch: Scratch
+    v: Float64  # (4, n)
+    h: Float64  # (2, 9)
+    columns: Int64  # (8,), or (9,) where phases have states of their own: the last one is a channel's
+    phase_columns: Int64  # (5,) scratch
+
+
+class ChannelRoom(NamedTuple):
+    """The channels' states and work space."""
+
+    x: Float64  # (m, p) range [m], rate [m/s], acceleration [m/s^2]
+    P: Float64  # (m, p, p)
+    base: Float64  # (m, 2) the filter's predictions from which the next change is counted
+    message: Float64  # (m, 5) of the interval
+    u: Float64  # (m, 3)
+    g: Float64  # (m, 3) derivative of the range rate by the position
+    predicted: Float64  # (m, 2)
+    v: Float64  # (3, p)
+    F_P: Float64  # (p, p)
+    h: Float64  # (p,)
+    columns: Int64  # (p,)
+    offset: Float64  # (3,)
+    seen: Float64  # (4,)
+    silent: Int64  # (m,) 1: nothing was seen in the last integration
+    pulling: Int64  # (m,) integrations for which a phase that has returned is still pulled in
+    fresh: Int64  # (m,) 1: the filter does not know the phase's cycle yet
+    cycles: Float64  # (m,) by which the phase's range counts otherwise than at the begin, in truth [m]
+    done: Int64  # (1,) integrations so far
+
+
+class ReceiverHistory(NamedTuple):
+    """What is kept of a run."""
+
+    state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
+    covariance: Float64  # (k, 11, 11) of ``RECORDED``
+    offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
+    squares: Float64  # (m, 2) sums over the integrations that count
+    counted: Int64  # (m,)
+    lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
+    losing: Int64  # (m,) integrations in a row beyond the limits
+    power: Float64  # (block, m) of the prompt replicas
+    apart: Float64  # (k, m, 2) the filter's own ranges by phase less those by code, and their variance

@@ -1,0 +1,119 @@
+"""What a receiver study refuses: numbers and names that make no sense, and settings that cannot give an answer."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from insgnss.errors import ConfigError
+from insgnss.studies import ReceiverOptions, receiver_study
+from insgnss.studies.receiver.comparison import ReceiverStudy
+
+NAN = math.nan
+THREE = {"azimuth_deg": (10.0, 130.0, 250.0), "elevation_deg": (30.0, 40.0, 50.0)}
+CONE = {"azimuth_deg": (10.0, 80.0, 150.0, 220.0, 300.0), "elevation_deg": (30.0,) * 5}
+
+
+def flown(changed: dict[str, Any] | None = None, **asked: Any) -> ReceiverStudy:
+    options = ReceiverOptions(**{"duration_s": 4.0, "settle_s": 1.0, **(changed or {})})
+    usual = {"variants": ("one_stage",), "imu": "tactical", "cn0": (40.0,), "runs": 1, "options": options}
+    return receiver_study("manoeuvring_5g", **{**usual, **asked})
+
+
+@pytest.mark.parametrize(
+    ("key", "asked"),
+    [
+        ("drift_density", {"oscillator": {"drift_density": 1e30}}),
+        ("drift_density", {"oscillator": {"drift_density": "a"}}),
+        ("oscillator", {"oscillator": 5.0}),
+        *(("runs", {"runs": runs}) for runs in (2.5, NAN, True, 0)),
+        *(("seed", {"seed": seed}) for seed in (1.5, NAN, -1)),
+        ("threads", {"threads": 1.5}),
+        ("cn0", {"cn0": ("x",)}),
+        ("cn0", {"cn0": (NAN,)}),
+        ("imu", {"imu": 5}),
+        ("tracking", {"tracking": None}),
+        ("variants", {"variants": (5,)}),
+    ],
+)
+def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError) as error:
+        flown(**asked)
+    assert error.value.key == key and error.value.advice
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("phase_kind", (None,)),
+        ("step_s", ("a", None, 0.0, NAN)),
+        ("imu_gaps_s", (((1,),), (("a", "b"),), (1.0,))),
+        ("told_cn0_dbhz", (NAN, math.inf, 500.0, -50.0)),
+        ("least_cn0_dbhz", (NAN, 100.0)),
+        ("carrier_hz", (1e-30, 1e30)),
+        ("chip_hz", (1e-9, 1e15)),
+        ("orbit_radius_m", (1e20,)),
+        ("replica_step_m", (1e9,)),
+        ("replica_step_mps", (1e9,)),
+        ("interval_s", (1e9,)),
+        ("unknown_mps2", (1e30,)),
+        ("unknown_s", (1e30,)),
+        ("symbol_s", (NAN, 0.0, -1.0)),
+    ],
+)
+def test_option_that_makes_no_sense_is_refused_by_its_key(key: str, values: tuple[Any, ...]) -> None:
+    for value in values:
+        with pytest.raises(ConfigError) as error:
+            flown({key: value})
+        assert error.value.key == key and error.value.advice
+
+
+def test_limit_of_cn0_that_no_channel_reaches_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no channel is ever used") as error:
+        flown({"least_cn0_dbhz": 50.0})
+    assert error.value.key == "least_cn0_dbhz"
+
+
+def test_cn0_that_is_told_and_estimated_is_refused() -> None:
+    with pytest.raises(ConfigError, match="estimates its C/N0 too") as error:
+        flown({"told_cn0_dbhz": 40.0, "estimates_cn0": True})
+    assert error.value.key == "told_cn0_dbhz"
+
+
+@pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])
+def test_oscillator_too_fast_for_the_integration_is_refused(tracking: str) -> None:
+    with pytest.raises(ConfigError, match="B T is too large") as error:
+        flown({"step_s": 20e-3}, oscillator={"drift_density": 1e7}, tracking=tracking)
+    assert error.value.key == "step_s"
+
+
+def test_channels_that_follow_an_oscillator_without_drift_are_refused() -> None:
+    with pytest.raises(ConfigError, match="and it has none") as error:
+        flown(oscillator={"drift_density": 0.0}, variants=("two_stage",))
+    assert error.value.key == "oscillator"
+    # a filter that takes the observations itself needs no drift
+    assert flown(oscillator={"drift_density": 0.0}).summary["lost"].item() == 0.0
+
+
+@pytest.mark.parametrize(("sky", "reason"), [(THREE, "there are 3 satellites"), (CONE, "on one cone")])
+def test_least_squares_without_a_geometry_says_why_not_and_one_stage_goes_on(
+    sky: dict[str, Any], reason: str
+) -> None:
+    with pytest.raises(ConfigError, match=reason) as error:
+        flown(sky, variants=("scalar",))
+    assert error.value.key == "azimuth_deg"
+    summary = flown(sky).summary
+
+    assert summary["lost"].item() == 0.0 and np.isfinite(summary["velocity_mps"].item())
+    assert np.isnan(summary["channels_mps"].item())  # the least squares of its channels
+
+
+def test_pilot_is_integrated_beyond_a_symbol() -> None:
+    study = flown({"symbol_s": math.inf, "step_s": 0.04, "interval_s": 0.2, "phase_kind": "q"})
+
+    assert study.summary["lost"].item() == 0.0
+    json.dumps(study.asked["options"], allow_nan=False)  # settings are written as a file
