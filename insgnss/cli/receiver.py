@@ -92,7 +92,7 @@ def receiver(
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna
         from insgnss.studies.receiver.comparison import receiver_study
-        from insgnss.studies.receiver.scene import ReceiverOptions
+        from insgnss.studies.receiver.options import ReceiverOptions
         from insgnss.studies.receiver.variants import USUAL_VARIANTS
 
         if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):

@@ -46,7 +46,7 @@ from insgnss.studies.outage.study import Banked, OutageStudy, Periodic, Random, 
 from insgnss.studies.outage.windows import Removal
 from insgnss.studies.receiver.comparison import ReceiverStudy, receiver_study
 from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
-from insgnss.studies.receiver.scene import ReceiverOptions
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.slips import SlipRuns, slip_runs
 from insgnss.studies.receiver.variants import VARIANTS as RECEIVERS
 from insgnss.studies.receiver.variants import Variant

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from insgnss.simulation.closed_loop_sky import lines_of_sight, orbits_towards
-from insgnss.studies.receiver.scene import AZIMUTH_DEG, ELEVATION_DEG
+from insgnss.studies.receiver.options import AZIMUTH_DEG, ELEVATION_DEG
 
 USER = np.array([2.8e6, 1.6e6, 5.5e6])
 AFTER_S = 1200.0

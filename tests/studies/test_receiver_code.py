@@ -15,8 +15,9 @@ from insgnss.studies.campaign.cases import receiver
 from insgnss.studies.campaign.results import data_set
 from insgnss.studies.campaign.study import run_campaign
 from insgnss.studies.receiver.comparison import receiver_study
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import run_many
-from insgnss.studies.receiver.scene import ReceiverOptions, scene_of
+from insgnss.studies.receiver.scene import scene_of
 from insgnss.studies.receiver.variants import VARIANTS
 from tests.studies.test_receiver_study import (
     ATTITUDE,

@@ -27,7 +27,8 @@ from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_fli
 from insgnss.studies.outage.study import Periodic, outage_study
 from insgnss.studies.outage.windows import Removal
 from insgnss.studies.receiver.comparison import receiver_row
-from insgnss.studies.receiver.scene import ReceiverOptions, StudyScene, scene_of
+from insgnss.studies.receiver.options import ReceiverOptions
+from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from insgnss.errors import ConfigError
 from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
 from insgnss.simulation.closed_loop_sky import LONGEST_LATENCY_S
 from insgnss.studies.receiver.imu import require_gaps
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.phase_return import SURE_SIGMAS
+from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import VARIANTS, Variant, variant_of
 from insgnss.studies.receiver.workspace import TWO_STAGE
 from insgnss.tables import Float64
@@ -28,10 +30,6 @@ from insgnss.tracking.admissible import (
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import LEAST_DBHZ, MOST_DBHZ, ChannelConstants
-
-if TYPE_CHECKING:
-    from insgnss.studies.receiver.runs import Setting
-    from insgnss.studies.receiver.scene import ReceiverOptions
 
 _MAX_INTEGRATIONS: Final = 2_000_000
 _CARRIER_HZ: Final = (1e8, 1e11)  # of satellite navigation: 1.1 to 5 GHz, and room around them

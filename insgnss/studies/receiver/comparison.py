@@ -45,8 +45,9 @@ from insgnss.studies.receiver.admission import checked_call, require_answers, wa
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
 from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
-from insgnss.studies.receiver.scene import ReceiverOptions, StudyScene, scene_of
+from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
