@@ -109,8 +109,9 @@ for seed in SEEDS:
 #
 # Error over sigma in the second half of each flight, rms over the flights. Without the states the filter attributes
 # what the satellites show to the attitude, and roll is wrong by nine sigmas. Position and velocity are compared at the
-# IMU's tags, so their errors include the motion of 20 ms. The filter notices that the tags are late and reports it;
-# without the state it cannot correct them.
+# IMU's tags, so their errors include the motion of 20 ms. In most flights the filter notices
+# that the tags are late and reports it; without the state it cannot correct them. In one it takes what it sees for a
+# sensor that was wrong for a moment, again and again.
 
 # %%
 QUANTITIES = ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "n_m", "e_m", "d_m")
@@ -127,13 +128,12 @@ ratios = pd.DataFrame(
     {label: over_sigma(label, SEEDS) for label in dict.fromkeys(label for label, _ in runs)}
 )
 print(ratios.round(2).T.to_string())
-suspects = runs["wrong file", 1].events
-suspects = suspects[suspects["kind"] == "time_tag_suspect"]
-print(
-    "\n".join(
-        f"{t - START_S:.0f} s: {told}" for t, told in zip(suspects["time_s"], suspects["detail"], strict=True)
-    )
-)
+suspects = pd.concat([runs["wrong file", seed].events.assign(flight=seed) for seed in SEEDS])
+suspects = suspects[suspects["kind"].isin(["time_tag_suspect", "sensor_suspect"])]
+for (seed, kind), told in suspects.groupby(["flight", "kind"]):
+    first = told.iloc[0]
+    print(f"flight {seed}: {len(told)} {kind}, at {first['time_s'] - START_S:.0f} s: {first['detail']}")
+late = suspects.loc[suspects["kind"] == "time_tag_suspect", "flight"].unique()
 
 # %%
 figure, panels = plt.subplots(1, 2, figsize=(7.2, 2.6), sharey=True)
@@ -246,7 +246,7 @@ of_number = np.sqrt((found["error over sigma"] ** 2).groupby(level=0).mean())
 assert ratios.loc["roll_deg", "wrong file"] > 2.0 * bound
 assert (ratios["wrong file, states"] < bound).all() and (ratios["right file"] < bound).all()
 assert (of_number < bound).all()
-assert len(suspects) > 0 and len(known) == len(NUMBERS)
+assert len(late) >= 2 and len(known) == len(NUMBERS)
 assert len(changed) == 2
 assert (after < bound_two).all()
 of_time, forward = found.loc[("imu_time_offset_s", 1)], found.loc[("lever_arm_x_m", 1)]

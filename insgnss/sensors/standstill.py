@@ -34,7 +34,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtri
 
 from insgnss.config.vehicle_kind import Standstill, ZeroRateRows, ZeroVelocityRows
 from insgnss.filter.layout_names import StateLayout
@@ -87,6 +86,8 @@ def window_statistics(
 @functools.lru_cache(maxsize=64)
 def critical_ratio(missed_share: float, parts: int, samples: int) -> float:
     """Return the F above which an axis shows motion; at rest all six are below in ``1 - missed_share`` of windows."""
+    from scipy.special import fdtri  # here: every replay would pay for it
+
     return float(fdtri(parts - 1, parts * (samples - 1), 1.0 - missed_share / 6.0))
 
 

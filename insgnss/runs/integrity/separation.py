@@ -27,7 +27,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import pandas as pd
 import pymap3d
-from scipy.special import ndtri
 
 from insgnss.config.integrity import Integrity
 from insgnss.errors import StartError
@@ -138,6 +137,8 @@ def _finite_or_infinite(level: Float64) -> Float64:
 
 def _quantile(risk: Float64 | float) -> Float64:
     """Return K with P(|x| > K) = risk of a standard normal x."""
+    from scipy.special import ndtri  # here: every replay would pay for it
+
     return np.asarray(-ndtri(0.5 * np.asarray(risk)))
 
 
