@@ -81,10 +81,9 @@ def unix_to_gps_ns(unix_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 def utc_to_gps_ns(unix_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return GPS times in ns of UTC dates in ns since 1970, with the leap seconds in force at each."""
-    days = np.array([np.datetime64(date, "ns") for date, _ in LEAP_SECONDS]).astype(np.int64)
-    seconds = np.array([0, *(value for _, value in LEAP_SECONDS)], np.int64)
-    leap_s = seconds[np.searchsorted(days, unix_ns, side="right")]
-    return np.asarray(unix_ns + (leap_s - UNIX_TO_GPS_S) * NS_PER_S)
+    since = unix_ns - UNIX_TO_GPS_S * NS_PER_S
+    in_force = np.searchsorted(_LEAP_CHANGES_NS - _LEAP_VALUES * NS_PER_S, since, side="right")
+    return np.asarray(since + np.append(0, _LEAP_VALUES)[in_force] * NS_PER_S)
 
 
 def ns_to_utc(t_ns: npt.ArrayLike) -> npt.NDArray[np.datetime64]:
@@ -94,7 +93,7 @@ def ns_to_utc(t_ns: npt.ArrayLike) -> npt.NDArray[np.datetime64]:
     """
     t = np.asarray(t_ns, dtype=np.int64)
     in_force = np.searchsorted(_LEAP_CHANGES_NS, t, side="right") - 1
-    seconds = np.array([value for _, value in LEAP_SECONDS], np.int64)[np.maximum(in_force, 0)]
+    seconds = _LEAP_VALUES[np.maximum(in_force, 0)]
     return np.asarray(np.datetime64(GPS_EPOCH, "ns") + (t - seconds * NS_PER_S).astype("timedelta64[ns]"))
 
 
@@ -125,5 +124,6 @@ def ns_to_datetime(t_ns: int) -> dt.datetime:
     return GPS_EPOCH + dt.timedelta(microseconds=int(t_ns) // 1000)
 
 
-# GPS time in ns from which on each number of LEAP_SECONDS is in force
+_LEAP_VALUES = np.array([value for _, value in LEAP_SECONDS], np.int64)
+# GPS time in ns from which on each of them is in force
 _LEAP_CHANGES_NS = np.array([utc_to_ns(dt.datetime.fromisoformat(date)) for date, _ in LEAP_SECONDS])

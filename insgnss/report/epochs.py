@@ -34,14 +34,19 @@ def satellites_of(table: pd.DataFrame) -> tuple[Int64, list[str]]:
 def satellites_used(run: Run) -> tuple[Float64, Int64]:
     """Return the times of the log's epochs [s], and how many satellites corrected or started the state at each."""
     ledger = of_satellites(run.measurements)
-    time_s = ledger["time_s"].to_numpy()
-    new = np.diff(time_s, prepend=-np.inf) != 0.0  # the ledger is in the order of the epochs
-    epochs, epoch = time_s[new], np.cumsum(new) - 1
+    epochs, epoch = _epochs_of(ledger)
     place, names = satellites_of(ledger)
     used = ledger["status"].isin(_USED).to_numpy()
     seen = np.zeros((len(epochs), len(names)), np.bool_)
     seen[epoch[used], place[used]] = True
     return epochs, seen.sum(axis=1)
+
+
+def _epochs_of(ledger: pd.DataFrame) -> tuple[Float64, Int64]:
+    """Return the times of the epochs [s], and the number of each row's epoch; a ledger is in their order."""
+    time_s = ledger["time_s"].to_numpy()
+    new = np.diff(time_s, prepend=-np.inf) != 0.0
+    return time_s[new], np.cumsum(new) - 1
 
 
 def pseudoranges_used(run: Run) -> Int64:
@@ -50,8 +55,7 @@ def pseudoranges_used(run: Run) -> Int64:
     ledger = ledger[
         (ledger["kind"] == "pseudorange") & (ledger["time_s"] >= run.nav["time_s"].iloc[0] - _ROUNDING_S)
     ]
-    epoch = np.cumsum(np.diff(ledger["time_s"].to_numpy(), prepend=-np.inf) != 0.0) - 1
-    return np.bincount(epoch, ledger["status"].isin(_USED).to_numpy()).astype(np.int64)
+    return np.bincount(_epochs_of(ledger)[1], ledger["status"].isin(_USED).to_numpy()).astype(np.int64)
 
 
 def used_at(run: Run, time_s: Float64) -> Float64:

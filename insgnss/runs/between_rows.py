@@ -26,7 +26,7 @@ import pandas as pd
 from insgnss.errors import ResultError
 from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
 from insgnss.runs.datum import GPS_WEEK
-from insgnss.runs.wanted_times import WANTED, week_seconds
+from insgnss.runs.wanted_times import WANTED, about, week_seconds
 from insgnss.tables import Float64, Int64
 
 _GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by more than a second, is a gap
@@ -149,7 +149,7 @@ def _widen(found: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> 
 
 
 def _not_times(what: str) -> ResultError:
-    return ResultError(f"the times: {what}" if what[:5] == "value" else f"the times {what}", advice=WANTED)
+    return ResultError(about("the times", what), advice=WANTED)
 
 
 def _check_inside(t: Float64, times: Float64) -> None:

@@ -15,7 +15,7 @@ from insgnss.filter.smoothing.body_points import PointColumns, PointColumnValues
 from insgnss.filter.whole_log import OutputRate
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.log.flight import Flight
-from insgnss.runs.wanted_times import WANTED, week_seconds
+from insgnss.runs.wanted_times import WANTED, about, week_seconds
 from insgnss.tables import Event, Float64, Int64
 
 AtTimes: TypeAlias = Literal["gnss", "imu"] | float | Sequence[Any] | Float64 | pd.Series | pd.Index
@@ -139,7 +139,7 @@ def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputR
 
 def _no_times(what: str) -> ConfigError:
     return ConfigError(
-        f"the output times: {what}" if what[:5] == "value" else f"the output times {what}",
+        about("the output times", what),
         key="output",
         advice=f"{WANTED}, in increasing order",
     )

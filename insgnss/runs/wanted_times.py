@@ -53,6 +53,11 @@ def week_seconds(times: Any, week: int | None, refuse: Refuse) -> Float64:
     return seconds
 
 
+def about(times: str, what: str) -> str:
+    """Return what is wrong with some times as a sentence: of one value after a colon, of all of them without."""
+    return f"{times}: {what}" if what.startswith("value") else f"{times} {what}"
+
+
 def dated_text_ns(texts: list[str]) -> list[int | str]:
     """Return GPS time [ns] of each text that is a date and time with a zone, or what is wrong with it."""
     cells = pa.array(texts, pa.string())

@@ -26,14 +26,12 @@ def place_clocks(
     shown = np.isfinite(clocks)
     first = int(np.argmax(shown))
     own = np.where(shown, apart, sigma_m**2)
-    own[0], own[first] = 0.0, variance if first == 0 else 0.0
+    own[first], own[0] = 0.0, variance
     along = shown.astype(float)  # how the error of o_r enters
     along[0] = -1.0
     at = np.array([CLOCK, *range(OFFSETS, OFFSETS + len(clocks) - 1)])
     P[at, :] = P[:, at] = 0.0
     P[np.ix_(at, at)] = np.diag(own) + np.outer(along, along) * (sigma_m**2 if first > 0 else 0.0)
-    if first > 0:
-        P[CLOCK, CLOCK] += variance
     m.clock[0] = clocks[first] if shown[first] else 0.0
     m.optional[: len(clocks) - 1] = np.where(shown, clocks - m.clock[0], 0.0)[1:]
 

@@ -59,9 +59,11 @@ def date_advice(cell: str, calendar: Calendar) -> str:
             " instead of origin = 'calendar'"
         )
     if len(calendar.columns) == 1 and _is_date_alone(cell):
-        return "there is no time of day: name this column as columns.date, that of the times as columns.time"
+        return (
+            "the cell has no time of day: name this column as columns.date, that of the times as columns.time"
+        )
     if _CLOCK.match(cell) and not _DATE.match(cell) and cell[0].isdigit() and len(calendar.columns) == 1:
-        return "there is no date: name the column of dates as columns.date"
+        return "the cell has no date: name the column of dates as columns.date"
     return (
         f"time.date_order = '{calendar.order}' reads {_EXAMPLES[calendar.order]} 17:30:22.961, with T or a space"
         " between them, and a zone (Z, +02:00) after them; the orders are 'ymd', 'dmy' and 'mdy'. Every order also"
