@@ -42,12 +42,24 @@ def test_without_motion_no_likelihood_moves_a_weight() -> None:
     np.testing.assert_array_equal(two_headings((0.0, -50.0), 0.0), [0.5, 0.5])
 
 
-def test_motion_of_a_sigma_and_more_counts_in_full() -> None:
-    np.testing.assert_allclose(two_headings((0.0, -2.0), 3.0), [1.0, np.exp(-2.0)] / (1.0 + np.exp(-2.0)))
+WRONG = 0.01  # odds that an epoch is wrong altogether
 
 
-def test_little_motion_counts_as_far_as_it_can_carry() -> None:
-    np.testing.assert_allclose(two_headings((0.0, -2.0), 0.1), [1.0, np.exp(-0.2)] / (1.0 + np.exp(-0.2)))
+@pytest.mark.parametrize(("information", "share"), [(3.0, 1.0), (0.1, 0.1)])
+def test_motion_counts_as_far_as_it_can_carry(information: float, share: float) -> None:
+    """From a squared sigma on in full, below in proportion."""
+    heavier, lighter = two_headings((0.0, -2.0), information)
+    assert lighter / heavier == pytest.approx((np.exp(-2.0 * share) + WRONG) / (1.0 + WRONG))
+
+
+def test_one_epoch_alone_chooses_no_heading() -> None:
+    """However unlikely it makes a heading: its rows may all be wrong."""
+    heavier, lighter = two_headings((0.0, -1000.0), 10.0)
+    assert lighter / heavier == pytest.approx(WRONG / (1.0 + WRONG))
+
+
+def test_a_lost_hypothesis_has_no_weight() -> None:
+    np.testing.assert_array_equal(two_headings((-3.0, -np.inf), 10.0), [1.0, 0.0])
 
 
 def test_response_is_the_difference_of_two_filters_with_and_without_the_motion() -> None:

@@ -21,6 +21,7 @@ _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
 _SAME_HEADING_RAD: Final = math.radians(5.0)
 SMALLEST_DIFFERENCE_RAD: Final = 0.02
 FINER: Final = 3  # times as many headings where a motion shows the heading better than they are linear
+_WRONG_EPOCH: Final = 0.01  # odds that the rows of an epoch are wrong together and say nothing of the heading
 _CURVED: Final = 0.1  # sigmas of an epoch's rows that the second order of a heading may make
 
 
@@ -135,8 +136,9 @@ def headings_wanted(bank: Bank, usual: int, widest: float) -> int:
 def weigh_headings(bank: Bank, par: Parameters) -> None:
     """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
 
-    Equation: log w_i += rho log L_i, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the motion
-    that was shown. Without motion the hypotheses differ in nothing but the direction in which they integrate the
+    Equation: w_i *= (L_i / L_max)^rho + e, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the
+    motion that was shown, e the odds that the epoch is wrong altogether. In a street most range rates of an epoch may
+    be, and in full one such epoch would choose a heading for good. Without motion the hypotheses differ in nothing but the direction in which they integrate the
     accelerometers' noise: their likelihood ratio is a driftless random walk that would choose one in the end.
     The factor is common to all, so it favours none. Hypotheses that differ in more than their headings (a given start
     against others, a filter against a fix) are weighed in full.
@@ -148,9 +150,15 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     all_of_it = par.motion_gate2 <= 0.0 or bank.head[0].more_than_headings == 1
     all_of_it = all_of_it or sees_earth_rate(state[lead], par, bank.P[lead])
     share = 1.0 if all_of_it else min(carried, 1.0)
+    largest = -math.inf
     for i in range(state.shape[0]):
-        lost = state[i].log_likelihood == -math.inf
-        state[i].log_weight += state[i].log_likelihood if lost else share * state[i].log_likelihood
+        largest = max(largest, state[i].log_likelihood)
+    for i in range(state.shape[0]):
+        if state[i].log_likelihood == -math.inf:
+            state[i].log_weight = -math.inf
+            continue
+        behind = share * (state[i].log_likelihood - largest)
+        state[i].log_weight += behind if all_of_it else math.log(math.exp(behind) + _WRONG_EPOCH)
     normalise_weights(bank)
 
 

@@ -28,6 +28,7 @@ from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predi
 from insgnss.filter.sensor_errors import whole_error_rows, whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.mean_acceleration import mean_acceleration, unknown_acceleration
 from insgnss.filter.start.start import (
     LEVEL_FLOOR_RAD,
     TILT_OF_FORCE,
@@ -149,13 +150,14 @@ def open_carried(
     parked = kept.parked and _still_there(kept, window, fix, v_a, config)
     if several and not parked:
         return None
-    a_e, sd_a = (None, 0.0) if parked else (np.zeros(3), 2.0)
-    if not parked and earlier is not None and earlier.v_a is not None:
-        longer = inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
-        if longer is not None:
-            dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
-            window = longer
-            a_e, sd_a = (v_a - earlier.v_a) / dt, math.sqrt(np.trace(P_v + earlier.P_v[:3, :3])) / dt
+    a_e, sd_a = None, 0.0
+    if not parked:
+        longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
+        window = longer or window
+        mean = unknown_acceleration(fix.r_a, window.f_b)
+        if earlier is not None and longer is not None:
+            mean = mean_acceleration(fix, earlier, v_a, P_v, window.f_b)
+        a_e, sd_a, P_v = mean.a_e, mean.sigma, P_v * mean.excess**2
     C_ne = level_axes(fix.r_a)
     attitudes: list[StartAttitude] = []
     members: list[int] = []

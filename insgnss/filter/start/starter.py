@@ -14,6 +14,7 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
 from insgnss.filter.start.fix import Fix, fix_epoch
+from insgnss.filter.start.mean_acceleration import mean_acceleration, unknown_acceleration
 from insgnss.filter.start.start import (
     Kinematics,
     StartHeading,
@@ -150,14 +151,15 @@ class Starter:
         at_rest = self._at_rest(window, fix, earlier)
         a_e, sd_a = None, 0.0
         if not at_rest:
-            a_e, sd_a = np.zeros(3), 2.0
-            if earlier is not None and earlier.v_a is not None:
-                dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
-                longer = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, earlier.t_ns, fix.t_ns)
-                if longer is not None:
-                    window = longer
-                    a_e = (v_a - earlier.v_a) / dt
-                    sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
+            longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
+            window = longer or window
+            mean = unknown_acceleration(fix.r_a, window.f_b)
+            if earlier is not None and longer is not None:
+                mean = mean_acceleration(fix, earlier, v_a, P_v, window.f_b)
+            if mean.excess > 1.0 and patient:
+                return None, fix, []  # one of the two velocities is wrong
+            a_e, sd_a = mean.a_e, mean.sigma
+            P_v = P_v * mean.excess**2
         kin = kinematics_from_fix(fix, v_a, P_v, config)
         headings = self.headings or open_headings(fix.r_a, v_a, P_v, config)
         attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
