@@ -10,6 +10,7 @@ from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.mean_acceleration import (
     MeanAcceleration,
     mean_acceleration,
+    slight_acceleration,
     unknown_acceleration,
 )
 from insgnss.geodesy.gravity import normal_gravity_ecef
@@ -89,3 +90,18 @@ def test_the_sigma_is_that_of_the_error(seed: int) -> None:
         square += float(np.sum((mean.a_e - true) ** 2))
         expected += mean.sigma**2
     assert square / expected == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_end_of_a_brake_is_left_in_the_level() -> None:
+    braked = slight_acceleration(
+        fix(np.array([0.0, 0.3, 0.0]), 0.02, 11.0), fix(np.array([0.0, 0.8, 0.0]), 0.02, 10.0)
+    )
+    assert braked == pytest.approx(0.5, rel=0.01)
+
+
+def test_noise_of_the_velocities_is_no_brake() -> None:
+    """Mean square over many draws: what their sigmas explain is taken off."""
+    rng = np.random.default_rng(4)
+    v = rng.standard_normal((2000, 2, 3)) * 0.1
+    squares = [slight_acceleration(fix(b, 0.1, 11.0), fix(a, 0.1, 10.0)) ** 2 for a, b in v]
+    assert np.mean(squares) < 0.5 * 6 * 0.1**2

@@ -59,7 +59,8 @@ class StartAttitude:
     weight: float
     b_g: Float64  # (3,) [rad/s], with what further errors add in this attitude
     sd_b_g: float | None  # of the gyros' whole error (``sensor_errors``); None: as it is of such sensors
-    level_from_bias: bool  # the tilt error is the accelerometer bias' doing
+    level_from_bias: bool  # the tilt error is the accelerometer bias' doing ...
+    sd_motion: float = 0.0  # ... but for so much that a motion at the start may have to do with it [rad]
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def attitudes_at_start(
     window : inertial samples up to the start
     r_e, v_e : position and velocity, ECEF
     a_e : mean acceleration over the window, ECEF [m/s^2]; None at rest
-    sd_a : its sigma [m/s^2]
+    sd_a : its sigma [m/s^2], at rest that of what is left of a brake
     headings : those to level for
     """
     sensor = sensor_model(grade)
@@ -124,15 +125,17 @@ def attitudes_at_start(
     if a_e is not None:
         f_e += a_e + 2.0 * WGS84_OMEGA_RADPS * np.array([-v_e[1], v_e[0], 0.0])
     f_n = level_axes(r_e) @ f_e
-    sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD)
+    sd_motion = sd_a / STANDARD_GRAVITY_MPS2
     if a_e is not None:
-        moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
-        sd_level = math.hypot(sd_level, moving)
+        sd_motion = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_motion)
+    sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD, sd_motion)
     found = []
     for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
-        found.append(StartAttitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
+        found.append(
+            StartAttitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None, sd_motion)
+        )
     return found
 
 
@@ -285,7 +288,7 @@ def _place_attitude_covariance(
     When the accelerometers levelled it at rest, tilt and the accelerometers' error are one: with C f_b = (0, 0, -g),
     psi_N = e_E / g and psi_E = -e_N / g, e = estimated minus true error in n.
     """
-    tilt = LEVEL_FLOOR_RAD if attitude.level_from_bias else attitude.sd_level
+    tilt = math.hypot(LEVEL_FLOOR_RAD, attitude.sd_motion) if attitude.level_from_bias else attitude.sd_level
     psi = slice(PSI, PSI + 3)
     if attitude.level_from_bias:
         from_error = (

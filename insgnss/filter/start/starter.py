@@ -14,7 +14,11 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
 from insgnss.filter.start.fix import Fix, fix_epoch
-from insgnss.filter.start.mean_acceleration import mean_acceleration, unknown_acceleration
+from insgnss.filter.start.mean_acceleration import (
+    mean_acceleration,
+    slight_acceleration,
+    unknown_acceleration,
+)
 from insgnss.filter.start.start import (
     Kinematics,
     StartHeading,
@@ -150,7 +154,9 @@ class Starter:
             return None, fix, []  # the acceleration, without which nothing says which way is up
         at_rest = self._at_rest(window, fix, earlier)
         a_e, sd_a = None, 0.0
-        if not at_rest:
+        if at_rest and earlier is not None:
+            sd_a = slight_acceleration(fix, earlier)
+        elif not at_rest:
             longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
             window = longer or window
             mean = unknown_acceleration(fix.r_a, window.f_b)
