@@ -126,10 +126,6 @@ class Faults(StrictModel):
         description="a satellite whose range rate, averaged over ten seconds, or whose pseudorange within half a"
         " minute moves by that many sigmas against the others",
     )
-    rate_memory_s: NotNegative = Field(
-        8.0,
-        description="a satellite whose range rates are noisier than the others' keeps a sigma of its own for that long",
-    )
     reflected_below_db: NotNegative = Field(
         8.0,
         description="C/N0 that far below the strongest signal's, corrected for elevation, with too long a range",

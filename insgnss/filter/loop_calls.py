@@ -31,7 +31,6 @@ from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
-from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.shown_motion import follow_motion, place_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, place_effects_of_fix, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_repeated
@@ -85,7 +84,6 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         place_slow_variances: (bank, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         raise_level: (m, P, lines, ANY_N, s.fit, values, par),
-        widen_noisy_rates: (P, memory, lines, rows.observation, ANY_N, s.fit, par),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),
         is_prunable: (bank, ANY_N, ANY_X),
         note_sideslip: (bank.head[0], m, P, ANY_N),

@@ -74,9 +74,7 @@ def test_faults_that_cannot_be_meant_are_refused(wrong: dict[str, Any]) -> None:
 
 
 def test_zero_switches_each_fault_test_off() -> None:
-    off = resolved(
-        faults={"residual_sigma": 0.0, "drift_sigma": 0.0, "rate_memory_s": 0.0, "reflected_below_db": 0.0}
-    )
+    off = resolved(faults={"residual_sigma": 0.0, "drift_sigma": 0.0, "reflected_below_db": 0.0})
     assert (off.residual_gate2, off.drift_gate, off.reflected_below_db, off.robust) == (0.0, 0.0, 0.0, 0)
     on = resolved()
     assert (on.residual_gate2, on.drift_gate, on.reflected_below_db) == (25.0, 4.0, 8.0)

@@ -27,7 +27,6 @@ OPEN = {
     "gates.range_rate_sigma": 1000.0,
     "faults.residual_sigma": 0.0,
     "faults.drift_sigma": 0.0,
-    "faults.rate_memory_s": 0.0,
     "faults.weights": "gate",
     "adaptation.on": False,
 }

@@ -30,7 +30,6 @@ class Line(Record):
         Float64, N_PATTERNS
     ]  # effect of one sigma of the sky's slow errors on the pseudorange [m]
     slow: float  # variance that all slow errors add to its innovation [m^2]
-    level: float  # by how much its range rate's variance is larger than the others', 1 at least (``satellite_noise``)
     u_n: Annotated[Float64, 3]  # line of sight, north-east-down
     u_b: Annotated[Float64, 3]  # line of sight in body axes
     gain: float  # of the best antenna towards it [dBic], NaN where no antenna is described

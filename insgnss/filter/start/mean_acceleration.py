@@ -39,7 +39,7 @@ def unknown_acceleration(r_e: Float64, f_b: Float64) -> MeanAcceleration:
 
 
 def mean_acceleration(fix: Fix, earlier: Fix, v_a: Float64, P_v: Float64, f_b: Float64) -> MeanAcceleration:
-    """Return the mean acceleration from an ``earlier`` fix to ``fix``, or what is known if the velocities are wrong.
+    """Return the mean acceleration from an ``earlier`` fix to ``fix``; without the velocities where |f_b| contradicts them.
 
     Equation: d = (v - v') / T, S = (P_v + P_v') / T^2; a = K d, K = A (A I + S)^-1, covariance A (I - K), with the
     prior variance A per axis, 3 A = (2 m/s^2)^2 + ||f_b|^2 - g^2|

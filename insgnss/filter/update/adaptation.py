@@ -24,16 +24,13 @@ from insgnss.filter.update.integrity import (
     fit_freely,
 )
 from insgnss.gnss.median import median_of
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, RANGE_RATE
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
 
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
-# mean of u^2 z^2 / (f u) over normal z, u = 1 / L, where f makes what the update claims true of it:
-# f = E[u] E[u^2 z^2] / E[d(u z) / dz]^2 = 0.93, at intervals of 0.05 to 2 s alike (simulated)   [Huber 1981, 6.1]
-_LEVELLED: Final = 0.595
 _LARGEST_STEP: Final = 9.0
 _STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas ...
 _FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs
@@ -45,19 +42,16 @@ _LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to
 
 
 @kernel(inline=True)
-def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float, levelled: bool) -> float:
+def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
 
     Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
     Each row has the weight of its own part, 1 - g D g^T / r, and counts at most three sigmas; the part it cannot show
     counts as expected. r is the variance before the factor, so the return value is what the factor should be. What all
     satellites have in common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
-
-    Rows that are ``levelled`` (``satellite_noise``) count by 1 / L, against the mean that normal errors have then.
     """
-    total, weights = 0.0, 0.0
+    total = 0.0
     used = 0
-    expected = _LEVELLED if levelled else _CUT
     for j in range(lines.shape[0]):
         line: Line = lines[j]
         # a row with more noise than its own says nothing about the noise
@@ -67,11 +61,9 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float, levelled:
         left = explained_variance(line, kind, fit)
         square = rest * rest / max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
         own = max(1.0 - left / line.variance[kind], 0.0)
-        weight = 1.0 / line.level if levelled else 1.0
-        total += weight * (own * min(square, _LARGEST_RATIO) / expected + 1.0 - own)
-        weights += weight
+        total += own * min(square, _LARGEST_RATIO) / _CUT + 1.0 - own
         used += 1
-    return factor * total / weights if used >= _LEAST_RESIDUALS else factor
+    return factor * total / used if used >= _LEAST_RESIDUALS else factor
 
 
 @kernel(apart=True)
@@ -178,8 +170,7 @@ def adapt_noise(
         m.level_epochs[kind] += 1
         if not explain(prior, lines, kind, fit):
             continue
-        levelled = kind == RANGE_RATE and par.rate_memory_s > 0.0
-        wanted = parity_ratio(lines, kind, fit, factor, levelled)
+        wanted = parity_ratio(lines, kind, fit, factor)
         if kind == 0 and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         share = max(par.adapt_gain, 1.0 / m.level_epochs[kind])

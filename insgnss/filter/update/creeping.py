@@ -53,8 +53,6 @@ FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 # since when the others have contradicted its range rate, and when they did so last [s]
 CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
-# level of its range rate's noise, and when it was that (``satellite_noise``) [s]
-LEVEL, LEVEL_S = 12, 13
 
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
@@ -168,12 +166,6 @@ def takes_part(line: Line, kind: int) -> bool:
 
 
 @kernel(inline=True)
-def usual_variance(line: Line, kind: int) -> float:
-    """Return the variance of a row without the level of its own satellite, which a creeping one raises itself."""
-    return float(line.variance[kind] / line.level if kind == RANGE_RATE else line.variance[kind])
-
-
-@kernel(inline=True)
 def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
     """Update one row's means by its residual after ``fit``."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
@@ -186,7 +178,7 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
             mean[FAST] += (1.0 - math.exp(-since / _FAST_S)) * (value - mean[FAST])
             mean[SLOW] += (1.0 - math.exp(-since / _SLOW_S)) * (value - mean[SLOW])
         return
-    limit = _MOST_SIGMAS * math.sqrt(usual_variance(line, kind))
+    limit = _MOST_SIGMAS * math.sqrt(line.variance[kind])
     value = min(max(value, -limit), limit)
     since = now - mean[RATE_S]
     mean[RATE_S] = now
@@ -205,7 +197,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= _RATE_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * usual_variance(line, kind) + RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
 
 
 @kernel(inline=True)
