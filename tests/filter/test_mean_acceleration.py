@@ -29,14 +29,18 @@ def gravity() -> Float64:
 def fix(v_a: Float64, sigma: float, t_s: float) -> Fix:
     P_v = np.eye(4) * sigma**2
     none, unused = np.zeros(0, np.int64), np.zeros((2, 0), np.bool_)
-    return Fix(int(t_s * NS_PER_S), PLACE_E, np.zeros(1), np.eye(4), v_a, 0.0, P_v, none, unused, unused, True)
+    return Fix(
+        int(t_s * NS_PER_S), PLACE_E, np.zeros(1), np.eye(4), v_a, 0.0, P_v, none, unused, unused, True
+    )
 
 
 def found(change: list[float], sigma: float, true: list[float]) -> MeanAcceleration:
     """Return what two velocities of a sigma and a change [m/s] give where the true acceleration is ``true``."""
     later = fix(np.array(change), sigma, SECONDS)
     assert later.v_a is not None
-    return mean_acceleration(later, fix(np.zeros(3), sigma, 0.0), later.v_a, later.P_v[:3, :3], np.array(true) - gravity())
+    return mean_acceleration(
+        later, fix(np.zeros(3), sigma, 0.0), later.v_a, later.P_v[:3, :3], np.array(true) - gravity()
+    )
 
 
 def test_good_velocities_count_in_full() -> None:

@@ -137,11 +137,11 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
 
     Equation: w_i *= (L_i / L_max)^rho + e, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the
-    motion that was shown, e the odds that the epoch is wrong altogether. In a street most range rates of an epoch may
-    be, and in full one such epoch would choose a heading for good. Without motion the hypotheses differ in nothing but the direction in which they integrate the
-    accelerometers' noise: their likelihood ratio is a driftless random walk that would choose one in the end.
-    The factor is common to all, so it favours none. Hypotheses that differ in more than their headings (a given start
-    against others, a filter against a fix) are weighed in full.
+    motion that was shown, e the odds that an epoch is wrong altogether. In a street most range rates of an epoch may be
+    wrong, and without e one such epoch would choose a heading for good. Without motion the hypotheses differ in nothing
+    but the direction in which they integrate the accelerometers' noise: their likelihood ratio is a driftless random
+    walk that would choose one in the end. rho is common to all, so it favours none. Hypotheses that differ in more than
+    their headings (a given start against others, a filter against a fix) are weighed in full.
     """
     state, lead = bank.state, bank.head[0].leader
     carried = 0.0

@@ -34,12 +34,12 @@ class MeanAcceleration(NamedTuple):
 
 
 def unknown_acceleration(r_e: Float64, f_b: Float64) -> MeanAcceleration:
-    """Return what is known without velocities: none in the mean, and how large one may be."""
+    """Return zero and how large an acceleration may be: all that is known without velocities."""
     return MeanAcceleration(np.zeros(3), math.sqrt(3.0 * _prior_variance(r_e, f_b)), 1.0)
 
 
 def mean_acceleration(fix: Fix, earlier: Fix, v_a: Float64, P_v: Float64, f_b: Float64) -> MeanAcceleration:
-    """Return the mean acceleration from an ``earlier`` fix to ``fix``; without the velocities where |f_b| contradicts them.
+    """Return the mean acceleration from an ``earlier`` fix to ``fix``, or what is known if the velocities are wrong.
 
     Equation: d = (v - v') / T, S = (P_v + P_v') / T^2; a = K d, K = A (A I + S)^-1, covariance A (I - K), with the
     prior variance A per axis, 3 A = (2 m/s^2)^2 + ||f_b|^2 - g^2|

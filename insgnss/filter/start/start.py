@@ -114,7 +114,7 @@ def attitudes_at_start(
     window : inertial samples up to the start
     r_e, v_e : position and velocity, ECEF
     a_e : mean acceleration over the window, ECEF [m/s^2]; None at rest
-    sd_a : its sigma [m/s^2], at rest that of what is left of a brake
+    sd_a : its sigma [m/s^2], at rest that of the end of a brake
     headings : those to level for
     """
     sensor = sensor_model(grade)
