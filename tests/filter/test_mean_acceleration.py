@@ -80,7 +80,7 @@ def test_without_velocities_a_vehicle_changes_its_speed_as_usual() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_sigma_is_that_of_the_error(seed: int) -> None:
-    """Accelerations as assumed, the accelerometers' length known: sigma over 2000 draws within 10 %."""
+    """Accelerations as assumed, the accelerometers' length known: mean square over 2000 draws within 20 %."""
     rng = np.random.default_rng(seed)
     sigma, square, expected = 1.5, 0.0, 0.0
     for _ in range(2000):

@@ -28,7 +28,7 @@ from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predi
 from insgnss.filter.sensor_errors import whole_error_rows, whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
-from insgnss.filter.start.mean_acceleration import mean_acceleration, unknown_acceleration
+from insgnss.filter.start.mean_acceleration import levelling_motion
 from insgnss.filter.start.start import (
     LEVEL_FLOOR_RAD,
     TILT_OF_FORCE,
@@ -152,11 +152,7 @@ def open_carried(
         return None
     a_e, sd_a = None, 0.0
     if not parked:
-        longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
-        window = longer or window
-        mean = unknown_acceleration(fix.r_a, window.f_b)
-        if earlier is not None and longer is not None:
-            mean = mean_acceleration(fix, earlier, v_a, P_v, window.f_b)
+        window, mean = levelling_motion(imu, fix, earlier, v_a, P_v, window)
         a_e, sd_a, P_v = mean.a_e, mean.sigma, P_v * mean.excess**2
     C_ne = level_axes(fix.r_a)
     attitudes: list[StartAttitude] = []

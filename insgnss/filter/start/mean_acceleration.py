@@ -15,14 +15,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.start.fix import Fix
 from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.inertial.alignment import AlignmentWindow, inertial_window
 from insgnss.tables import Float64
 
 _USUAL_MPS2: Final = 2.0  # rms change of a vehicle's speed, all axes together
 _MOST_SIGMAS: Final = 3.0  # by which |a - g| may differ from |f_b| ...
-_UNUSUAL_SIGMAS: Final = 5.0  # of the prior and the velocities: upside down f is as long
 _NOT_GNSS_MPS2: Final = 0.7  # ... and by so much more, for the accelerometers' errors and a turn's mean
+_UNUSUAL_SIGMAS: Final = 5.0  # of the prior and the velocities: upside down f is as long
 
 
 class MeanAcceleration(NamedTuple):
@@ -33,8 +35,21 @@ class MeanAcceleration(NamedTuple):
     excess: float  # sigmas by which the velocities contradict |f_b|; 1: they do not
 
 
+def levelling_motion(
+    imu: ImuSamples, fix: Fix, earlier: Fix | None, v_a: Float64, P_v: Float64, window: AlignmentWindow
+) -> tuple[AlignmentWindow, MeanAcceleration]:
+    """Return the samples to level a moving vehicle by, and its acceleration over them.
+
+    These are the samples since the ``earlier`` fix, where there is one and the log reaches back to it; ``window`` else.
+    """
+    longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
+    if earlier is None or longer is None:
+        return window, unknown_acceleration(fix.r_a, window.f_b)
+    return longer, mean_acceleration(fix, earlier, v_a, P_v, longer.f_b)
+
+
 def unknown_acceleration(r_e: Float64, f_b: Float64) -> MeanAcceleration:
-    """Return zero and how large an acceleration may be: all that is known without velocities."""
+    """Return zero, with the sigma of a usual change of motion: for a vehicle without two velocities."""
     return MeanAcceleration(np.zeros(3), math.sqrt(3.0 * _prior_variance(r_e, f_b)), 1.0)
 
 
@@ -75,9 +90,8 @@ def slight_acceleration(fix: Fix, earlier: Fix) -> float:
     Equation: a^2 = (|v - v'|^2 - tr(P_v + P_v')) / T^2, the mean square beyond their own sigmas. A car counts as at
     rest in the last moment of its brake, whose 0.5 m/s^2 are 3 deg of the level.
     """
-    assert (
-        fix.v_a is not None and earlier.v_a is not None
-    )  # for the type checker: rest is shown by range rates
+    assert fix.v_a is not None  # for the type checker: range rates have shown the rest
+    assert earlier.v_a is not None
     change = fix.v_a - earlier.v_a
     beyond = float(change @ change) - float(np.trace(fix.P_v[:3, :3] + earlier.P_v[:3, :3]))
     return math.sqrt(max(beyond, 0.0)) * NS_PER_S / (fix.t_ns - earlier.t_ns)

@@ -14,11 +14,7 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
 from insgnss.filter.start.fix import Fix, fix_epoch
-from insgnss.filter.start.mean_acceleration import (
-    mean_acceleration,
-    slight_acceleration,
-    unknown_acceleration,
-)
+from insgnss.filter.start.mean_acceleration import levelling_motion, slight_acceleration
 from insgnss.filter.start.start import (
     Kinematics,
     StartHeading,
@@ -157,11 +153,7 @@ class Starter:
         if at_rest and earlier is not None:
             sd_a = slight_acceleration(fix, earlier)
         elif not at_rest:
-            longer = None if earlier is None else inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
-            window = longer or window
-            mean = unknown_acceleration(fix.r_a, window.f_b)
-            if earlier is not None and longer is not None:
-                mean = mean_acceleration(fix, earlier, v_a, P_v, window.f_b)
+            window, mean = levelling_motion(imu, fix, earlier, v_a, P_v, window)
             if mean.excess > 1.0 and patient:
                 return None, fix, []  # one of the two velocities is wrong
             a_e, sd_a = mean.a_e, mean.sigma
