@@ -85,6 +85,7 @@ UNTESTED = {  # a filter that uses each range, however large its innovation
     "gates.clock_jump_min_m": 1e6,
     "faults.residual_sigma": 0.0,
     "faults.drift_sigma": 0.0,
+    "adaptation.rate_memory_s": 0.0,
     "adaptation.on": False,
     "health.suspicion_sigma": 0.0,
     "health.recovery": False,

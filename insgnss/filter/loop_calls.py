@@ -31,6 +31,7 @@ from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.shown_motion import follow_motion, place_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, place_effects_of_fix, place_slow_variances
 from insgnss.filter.update.wrong_rates import refuse_repeated
@@ -55,8 +56,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     out = new_output(rows, 1, 1, np.zeros(0, np.int64))
     par, m, P, s, scratch = parameters[0], bank.state[0], bank.P[0], work.epoch, work.scratch
     lines, vectors, values = s.lines[:0], s.vectors, s.vectors[0]
-    w_ib_b, f_b = imu.w_ib_b[0], imu.f_b[0]
-    memory = bank.memory[0]
+    w_ib_b, f_b, memory = imu.w_ib_b[0], imu.f_b[0], bank.memory[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
         observe: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
@@ -84,6 +84,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         place_slow_variances: (bank, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         raise_level: (m, P, lines, ANY_N, s.fit, values, par),
+        widen_noisy_rates: (P, memory, lines, rows.observation, ANY_N, s.fit, values, par),
         common_step: (lines, ANY_N, values, ANY_X, ANY_X),
         is_prunable: (bank, ANY_N, ANY_X),
         note_sideslip: (bank.head[0], m, P, ANY_N),

@@ -44,6 +44,7 @@ from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.judging import UpdateOutcome, counted_again
 from insgnss.filter.update.masking import MASK, OFF, deweight
+from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
@@ -338,7 +339,7 @@ def crowd(noise: float) -> list[Any]:
     P, lines = wrong_rows()
     made, par = new_bank(1, 0), parameters(layout_with())[0]
     work = new_epoch(10, OFFSETS)._replace(lines=lines)
-    par["drift_gate"], m, fit = 4.0, made.state[0], work.fit
+    par["drift_gate"], par["rate_memory_s"], m, fit = 4.0, 8.0, made.state[0], work.fit
     observation = np.zeros(10, OBSERVATION_DTYPE)
     observation["slot"] = np.arange(10) * N_BANDS
     found = []
@@ -353,11 +354,12 @@ def crowd(noise: float) -> list[Any]:
             )
         lines["innovation"][4, :2] += second, 1.0
         t_ns = START_NS + second * NS_PER_S
+        widen_noisy_rates(P, made.memory[0], lines, observation, t_ns, fit, np.zeros(10), par)
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
         adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
         again = counted_again(UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
-        found += [lines["status"].copy(), np.array(again)]
+        found += [lines["status"].copy(), lines["extra"].copy(), np.array(again)]
         for kind in range(2):
             lines["status"][:, kind] = USED
             raise_level(m, P, lines, kind, fit, np.zeros(10), par)

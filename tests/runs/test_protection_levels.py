@@ -27,6 +27,7 @@ OPEN = {
     "gates.range_rate_sigma": 1000.0,
     "faults.residual_sigma": 0.0,
     "faults.drift_sigma": 0.0,
+    "adaptation.rate_memory_s": 0.0,
     "faults.weights": "gate",
     "adaptation.on": False,
 }

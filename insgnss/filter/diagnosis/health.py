@@ -228,12 +228,17 @@ class FilterHealth:
         return Remedy(found, [reset_in_words(t_ns, bank, found, doubt)])
 
     def _creeping(self, bank: Bank, t_ns: int) -> list[Event]:
-        return self._told(creeping_in_words(t_ns, left_out(bank, t_ns)))
+        news = tuple(slot for slot in left_out(bank, t_ns) if self._is_news(f"left out {slot}", t_ns))
+        return [creeping_in_words(t_ns, news)] if news else []
 
     def _told(self, event: Event) -> list[Event]:
         """Return an event of something that lasts, once a minute at most."""
         assert event.t_ns is not None
-        if event.t_ns - self.told_ns.get(event.kind, -_TELL_AGAIN_NS) < _TELL_AGAIN_NS:
-            return []
-        self.told_ns[event.kind] = event.t_ns
-        return [event]
+        return [event] if self._is_news(event.kind, event.t_ns) else []
+
+    def _is_news(self, lasting: str, t_ns: int) -> bool:
+        """Return whether a lasting condition was not reported within the last minute, and note that it is now."""
+        if t_ns - self.told_ns.get(lasting, -_TELL_AGAIN_NS) < _TELL_AGAIN_NS:
+            return False
+        self.told_ns[lasting] = t_ns
+        return True

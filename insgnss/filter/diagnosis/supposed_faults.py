@@ -74,11 +74,14 @@ def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
 
 
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the filter's numbers with nothing that stops the loop."""
+    """Return the filter's numbers with nothing that stops the loop, and with noise that follows no innovation."""
     calm = parameters.copy()
     calm["suspicion_limit"] = 0.0
     calm["lockout_epochs"] = math.inf
     calm["strain_limit"] = math.inf
+    calm["rate_memory_s"] = (
+        0.0  # two explanations are compared: neither may choose the noise that it is judged by
+    )
     return calm
 
 

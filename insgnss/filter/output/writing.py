@@ -22,11 +22,12 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
+from insgnss.filter.update.gating import usual_variance
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_euler, turn_left
 from insgnss.geodesy.vectors import Vector, place, plus, times
-from insgnss.gnss.observation_rows import CARRIER, GnssRows
+from insgnss.gnss.observation_rows import CARRIER, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
@@ -247,7 +248,8 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
             if is_entry(line, kind):
                 entry.innovation[kind] = line.innovation[kind]
                 entry.predicted[kind] = line.predicted[kind]
-                entry.variance[kind] = line.predicted[kind] + line.variance[kind]
+                foreseen = line.foreseen if kind == RANGE_RATE else 0.0
+                entry.variance[kind] = line.predicted[kind] + usual_variance(line, kind) + foreseen
         if carriers.shape[0] > 0:
             write_carrier(carriers[first + j], line)
 

@@ -14,7 +14,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, LEVEL_EPOCHS, StateRecord
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY, few_are_wrong
-from insgnss.filter.update.gating import slow_variance, whole_variance
+from insgnss.filter.update.gating import slow_variance, usual_variance, whole_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
     explain,
@@ -24,13 +24,16 @@ from insgnss.filter.update.integrity import (
     fit_freely,
 )
 from insgnss.gnss.median import median_of
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
 
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
+_LEVELLED: Final = (
+    0.91  # the same of rows with levels L: mean of z^2 / L^2 over that of 1 / L, normal z (simulated)
+)
 _LARGEST_STEP: Final = 9.0
 _STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas ...
 _FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs
@@ -42,16 +45,19 @@ _LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to
 
 
 @kernel(inline=True)
-def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
+def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float, levelled: bool) -> float:
     """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
 
     Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
     Each row has the weight of its own part, 1 - g D g^T / r, and counts at most three sigmas; the part it cannot show
     counts as expected. r is the variance before the factor, so the return value is what the factor should be. What all
     satellites have in common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
+
+    Rows that are ``levelled`` (``satellite_noise``) count by their weight, against the mean of normal errors.
     """
-    total = 0.0
+    total, weights = 0.0, 0.0
     used = 0
+    expected = _LEVELLED if levelled else _CUT
     for j in range(lines.shape[0]):
         line: Line = lines[j]
         # a row with more noise than its own says nothing about the noise
@@ -61,9 +67,11 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
         left = explained_variance(line, kind, fit)
         square = rest * rest / max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
         own = max(1.0 - left / line.variance[kind], 0.0)
-        total += own * min(square, _LARGEST_RATIO) / _CUT + 1.0 - own
+        weight = usual_variance(line, kind) / line.variance[kind]
+        total += weight * (own * min(square, _LARGEST_RATIO) / expected + 1.0 - own)
+        weights += weight
         used += 1
-    return factor * total / used if used >= _LEAST_RESIDUALS else factor
+    return factor * total / weights if used >= _LEAST_RESIDUALS else factor
 
 
 @kernel(apart=True)
@@ -170,7 +178,8 @@ def adapt_noise(
         m.level_epochs[kind] += 1
         if not explain(prior, lines, kind, fit):
             continue
-        wanted = parity_ratio(lines, kind, fit, factor)
+        levelled = kind == RANGE_RATE and par.rate_memory_s > 0.0
+        wanted = parity_ratio(lines, kind, fit, factor, levelled)
         if kind == 0 and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         share = max(par.adapt_gain, 1.0 / m.level_epochs[kind])

@@ -30,6 +30,7 @@ from insgnss.filter.update.consistency import (
     farthest,
     remove_smallest_set,
 )
+from insgnss.filter.update.gating import usual_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
     UNKNOWNS,
@@ -53,6 +54,9 @@ FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 # since when the others have contradicted its range rate, and when they did so last [s]
 CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
+# mean square of its range rate's residual over the variance, after this epoch and before it, and when [s]
+# (``satellite_noise``)
+SQUARE, SQUARE_BEFORE, SQUARE_S = 12, 13, 14
 
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
@@ -178,7 +182,7 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
             mean[FAST] += (1.0 - math.exp(-since / _FAST_S)) * (value - mean[FAST])
             mean[SLOW] += (1.0 - math.exp(-since / _SLOW_S)) * (value - mean[SLOW])
         return
-    limit = _MOST_SIGMAS * math.sqrt(line.variance[kind])
+    limit = _MOST_SIGMAS * math.sqrt(usual_variance(line, kind))
     value = min(max(value, -limit), limit)
     since = now - mean[RATE_S]
     mean[RATE_S] = now
@@ -197,7 +201,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= _RATE_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * usual_variance(line, kind) + RATE_FLOOR2
 
 
 @kernel(inline=True)

@@ -285,6 +285,8 @@ def use_rows(
                     ratios, noise = 1.0, 1.0
                 ratios *= ratio
                 noise *= r
+                if kind == RANGE_RATE and line.extra > line.foreseen:
+                    total -= 1.5 * math.log(r / (r - line.extra + line.foreseen)) / spread
                 information += respond(line, kind, response, vectors) / S
             else:
                 line.status[kind] = GATED

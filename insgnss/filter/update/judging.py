@@ -19,7 +19,8 @@ from insgnss.filter.update.gating import (
     shown_clock,
     shown_clock_variance,
 )
-from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, Observations
+from insgnss.filter.update.satellite_noise import widen_noisy_rates
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
 from insgnss.status import CLOCK_STEPPED, USED
 from insgnss.tables import Float64
@@ -58,6 +59,8 @@ def judge_rows(
         group = shown_clock(lines, kind)
         old = shown_clock_variance(P, kind, group)
         raise_level(m, P, lines, kind, s.fit, values, par)
+        if kind == RANGE_RATE:
+            widen_noisy_rates(P, memory, lines, observation, t_ns, s.fit, values, par)
         step, variance = common_step(lines, kind, values, par.kind[kind].least_step, old)
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, group, step, variance)

@@ -121,6 +121,7 @@ def observe_row(
     mask_row(par, sine, row.cn0, line)
     if line.status[0] == USED or line.status[1] == USED or line.status[CARRIER] == USED:
         row_delays(rows, par, row, s, line)
+    line.extra, line.foreseen = 0.0, 0.0
     for kind in range(N_KINDS):
         if line.status[kind] == USED:
             line.innovation[kind], line.variance[kind] = predict(kind, m, par, rows, i, s, line)

@@ -22,9 +22,6 @@ LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it need
 UNSEEN: Final = (
     "until the fault shows, the heading is off by 0.1 deg and its sigma is 0.02: no test is faster"
 )
-FEW: Final = (
-    "where the ramps begin in a turn with few satellites in view, three are more than a third of them"
-)
 CAUTIOUS: Final = (
     "the filter lets 5 % of a scale factor change, which at two turns a second is most of its sigma: the simulated"
     " one stays"
@@ -35,7 +32,6 @@ NOW: Final = (
     Mark("fast_jet", "* velocity *", LAG),
     Mark("fault_accel_step", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_gyro_step", "*", A6),
-    Mark("fault_ramp_3sv_1mps", "*", FEW, in_tests=False),
     Mark("sounding_rocket", "nees tilt end", CAUTIOUS, in_tests=False),
     Mark("sounding_rocket", "nees yaw end", CAUTIOUS, in_tests=False),
 )
