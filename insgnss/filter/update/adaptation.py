@@ -31,9 +31,7 @@ from insgnss.tables import Float64
 
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
-_LEVELLED: Final = (
-    0.91  # the same of rows with levels L: mean of z^2 / L^2 over that of 1 / L, normal z (simulated)
-)
+_LEVELLED: Final = 0.91  # the same with levels L: mean of z^2 / L^2 over that of 1 / L, normal z (simulated)
 _LARGEST_STEP: Final = 9.0
 _STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas ...
 _FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs

@@ -267,6 +267,9 @@ def use_rows(
 
     which is greatest where r is the variance of the errors, as the likelihood of independent rows is. A row whose
     innovation has no positive, finite variance, as the covariance has lost its sign, is refused.
+
+    A range rate whose own level L has risen in this epoch (``satellite_noise``) costs 3/2 ln L more. So its density
+    falls with L^-2, as that of Student's t, and no hypothesis gains by noise that follows its own innovation.
     """
     total, information = 0.0, 0.0
     ratios, noise = 1.0, 1.0  # products of S / (s r) and of r, whose logarithms are taken once for many

@@ -139,7 +139,7 @@ def whole_variance(line: Line, kind: int) -> float:
 
 @kernel(inline=True)
 def usual_variance(line: Line, kind: int) -> float:
-    """Return the variance of a row at the level of all: a satellite's own level lowers its weight and hides nothing."""
+    """Return the variance of a row at the level of all, without what its own satellite's noise adds."""
     return float(line.variance[kind] - line.extra if kind == RANGE_RATE else line.variance[kind])
 
 
