@@ -20,9 +20,9 @@ from insgnss.filter.output.nav_sigmas import (
 from insgnss.filter.output.trace_rows import TraceRoom, no_trace
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
-from insgnss.filter.update.gating import usual_variance
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_euler, turn_left

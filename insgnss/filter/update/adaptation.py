@@ -12,9 +12,10 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
+from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, LEVEL_EPOCHS, StateRecord
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY, few_are_wrong
-from insgnss.filter.update.gating import slow_variance, usual_variance, whole_variance
+from insgnss.filter.update.gating import slow_variance, whole_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
     explain,

@@ -22,6 +22,7 @@ import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.state import StateRecord
 from insgnss.filter.update.consistency import (
     LEAST_REDUNDANCY,
@@ -30,7 +31,6 @@ from insgnss.filter.update.consistency import (
     farthest,
     remove_smallest_set,
 )
-from insgnss.filter.update.gating import usual_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
     UNKNOWNS,

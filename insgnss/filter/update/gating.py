@@ -12,7 +12,7 @@ from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import CLOCK, OFFSETS
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.median import median_of
-from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE
 from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -135,12 +135,6 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
 def whole_variance(line: Line, kind: int) -> float:
     """Return the variance of an innovation, of a pseudorange with the slow errors."""
     return float(line.predicted[kind] + line.variance[kind] + slow_variance(line, kind))
-
-
-@kernel(inline=True)
-def usual_variance(line: Line, kind: int) -> float:
-    """Return the variance of a row at the level of all, without what its own satellite's noise adds."""
-    return float(line.variance[kind] - line.extra if kind == RANGE_RATE else line.variance[kind])
 
 
 @kernel(inline=True)

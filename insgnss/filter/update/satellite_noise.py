@@ -23,9 +23,9 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY, refuse_inconsistent
 from insgnss.filter.update.creeping import LEAST_AGREEING, SQUARE, SQUARE_BEFORE, SQUARE_S
-from insgnss.filter.update.gating import usual_variance
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import RANGE_RATE, Observations

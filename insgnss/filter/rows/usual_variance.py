@@ -1,0 +1,13 @@
+"""The variance of a row at the level of all, compiled."""
+
+from __future__ import annotations
+
+from insgnss.filter.rows.lines import Line
+from insgnss.gnss.observation_rows import RANGE_RATE
+from insgnss.kernels.jit import kernel
+
+
+@kernel(inline=True)
+def usual_variance(line: Line, kind: int) -> float:
+    """Return the variance of a row at the level of all, without what its own satellite's noise adds."""
+    return float(line.variance[kind] - line.extra if kind == RANGE_RATE else line.variance[kind])
