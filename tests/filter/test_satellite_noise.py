@@ -112,7 +112,7 @@ def test_without_memory_nothing_is_widened() -> None:
 
 
 def test_ordinary_noise_stays_at_the_common_level() -> None:
-    """In the mean over many epochs: 1 / L is 0.99, as the formula gives it for normal errors."""
+    """The mean of 1 / L is 0.99 for normal errors."""
     sky, rng = Sky(), np.random.default_rng(11)
     found = [sky.levels(SIGMA * rng.standard_normal(10), float(t_s)) for t_s in range(1, 400)]
     assert 0.97 < np.mean(1.0 / np.array(found)) < 1.0
