@@ -39,7 +39,7 @@ MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 15  # numbers kept of each band of a satellite
+N_MEMORY: Final = 14  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5

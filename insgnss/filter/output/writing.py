@@ -20,7 +20,7 @@ from insgnss.filter.output.nav_sigmas import (
 from insgnss.filter.output.trace_rows import TraceRoom, no_trace
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
-from insgnss.filter.rows.usual_variance import usual_variance
+from insgnss.filter.rows.usual_variance import foreseen_variance
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -248,8 +248,7 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
             if is_entry(line, kind):
                 entry.innovation[kind] = line.innovation[kind]
                 entry.predicted[kind] = line.predicted[kind]
-                foreseen = line.foreseen if kind == RANGE_RATE else 0.0
-                entry.variance[kind] = line.predicted[kind] + usual_variance(line, kind) + foreseen
+                entry.variance[kind] = line.predicted[kind] + foreseen_variance(line, kind)
         if carriers.shape[0] > 0:
             write_carrier(carriers[first + j], line)
 

@@ -32,6 +32,7 @@ class Line(Record):
     slow: float  # variance that all slow errors add to its innovation [m^2]
     extra: float  # what its satellite's own noise adds to its range rate's variance (``satellite_noise``)
     foreseen: float  # the same, by the epochs before
+    square: float  # mean square of its range rate's residual over the variance at the level of all
     u_n: Annotated[Float64, 3]  # line of sight, north-east-down
     u_b: Annotated[Float64, 3]  # line of sight in body axes
     gain: float  # of the best antenna towards it [dBic], NaN where no antenna is described

@@ -54,9 +54,8 @@ FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 # since when the others have contradicted its range rate, and when they did so last [s]
 CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
-# mean square of its range rate's residual over the variance, after this epoch and before it, and when [s]
-# (``satellite_noise``)
-SQUARE, SQUARE_BEFORE, SQUARE_S = 12, 13, 14
+# mean square of its range rate's residual over the variance, and when [s] (``satellite_noise``)
+SQUARE, SQUARE_S = 12, 13
 
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0

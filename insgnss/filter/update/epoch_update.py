@@ -9,6 +9,7 @@ import numpy as np
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, EpochWorkspace, Line, Lines
+from insgnss.filter.rows.usual_variance import foreseen_variance
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import (
     BIAS_FACTOR,
@@ -289,7 +290,7 @@ def use_rows(
                 ratios *= ratio
                 noise *= r
                 if kind == RANGE_RATE and line.extra > line.foreseen:
-                    total -= 1.5 * math.log(r / (r - line.extra + line.foreseen)) / spread
+                    total -= 1.5 * math.log(r / foreseen_variance(line, kind)) / spread
                 information += respond(line, kind, response, vectors) / S
             else:
                 line.status[kind] = GATED

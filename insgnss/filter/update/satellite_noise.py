@@ -25,7 +25,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY, refuse_inconsistent
-from insgnss.filter.update.creeping import LEAST_AGREEING, SQUARE, SQUARE_BEFORE, SQUARE_S
+from insgnss.filter.update.creeping import LEAST_AGREEING, SQUARE, SQUARE_S
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import RANGE_RATE, Observations
@@ -60,36 +60,40 @@ def widen_noisy_rates(
     if par.rate_memory_s <= 0.0:
         return
     now = t_ns * 1e-9
-    if par.residual_gate2 > 0.0 and one_stands_out(P, lines, fit):
-        refuse_inconsistent(P, lines, RANGE_RATE, par.residual_gate2)
+    explained = explain(P, lines, RANGE_RATE, fit)
+    if explained and par.residual_gate2 > 0.0 and one_stands_out(lines, fit):
+        if refuse_inconsistent(P, lines, RANGE_RATE, par.residual_gate2) > 0:
+            explained = explain(P, lines, RANGE_RATE, fit)
     for j in range(lines.shape[0]):
         if lines[j].status[RANGE_RATE] == USED:
             own = memory[observation[j].slot]
-            own[SQUARE_BEFORE] = square_now(own, now, par.rate_memory_s)
-            own[SQUARE], own[SQUARE_S] = own[SQUARE_BEFORE], now
-    largest = set_levels(memory, lines, observation, values)
+            own[SQUARE], own[SQUARE_S] = square_now(own, now, par.rate_memory_s), now
+            lines[j].square = own[SQUARE]
+    largest = set_levels(lines, values)
     for j in range(lines.shape[0]):
         lines[j].foreseen = lines[j].extra
-    for _ in range(_PASSES):
-        if not explain(P, lines, RANGE_RATE, fit):
+    for _ in range(_PASSES if explained else 0):
+        if largest > 1.0 and not explain(P, lines, RANGE_RATE, fit):  # at the level of all it was explained above
             break
         for j in range(lines.shape[0]):
             if lines[j].status[RANGE_RATE] == USED:
-                own = memory[observation[j].slot]
-                shown = shown_square(lines[j], fit)
-                own[SQUARE] = min((_FREEDOM * own[SQUARE_BEFORE] + shown) / (_FREEDOM + 1.0), par.adapt_most)
-        largest = set_levels(memory, lines, observation, values)
+                before, shown = memory[observation[j].slot, SQUARE], shown_square(lines[j], fit)
+                lines[j].square = min((_FREEDOM * before + shown) / (_FREEDOM + 1.0), par.adapt_most)
+        largest = set_levels(lines, values)
         if largest <= _USUAL:
             break
+    for j in range(lines.shape[0]):
+        if lines[j].status[RANGE_RATE] == USED:
+            memory[observation[j].slot, SQUARE] = lines[j].square
 
 
 @kernel(inline=True)
-def set_levels(memory: Float64, lines: Lines, observation: Observations, values: Float64) -> float:
-    """Give each range rate the level of its band's mean square against the quietest's; return the largest level."""
+def set_levels(lines: Lines, values: Float64) -> float:
+    """Give each range rate the level of its mean square against the quietest's; return the largest level."""
     n, quiet, largest = 0, 1.0, 1.0
     for j in range(lines.shape[0]):
         if lines[j].status[RANGE_RATE] == USED:
-            values[n] = memory[observation[j].slot, SQUARE]
+            values[n] = lines[j].square
             n += 1
     if n >= LEAST_AGREEING:
         median_of(values, n)  # which sorts them
@@ -98,7 +102,7 @@ def set_levels(memory: Float64, lines: Lines, observation: Observations, values:
         line: Line = lines[j]
         if line.status[RANGE_RATE] == USED:
             usual = usual_variance(line, RANGE_RATE)
-            level = max(1.0, memory[observation[j].slot, SQUARE] / quiet - _CALM)
+            level = max(1.0, line.square / quiet - _CALM)
             line.variance[RANGE_RATE] = level * usual
             line.extra = line.variance[RANGE_RATE] - usual
             largest = max(largest, level)
@@ -106,12 +110,11 @@ def set_levels(memory: Float64, lines: Lines, observation: Observations, values:
 
 
 @kernel(inline=True)
-def one_stands_out(P: Float64, lines: Lines, fit: Float64) -> bool:
-    """Return whether a range rate is far enough from what all say to search for wrong ones."""
-    if explain(P, lines, RANGE_RATE, fit):
-        for j in range(lines.shape[0]):
-            if lines[j].status[RANGE_RATE] == USED and shown_square(lines[j], fit) > _WORTH_A_SEARCH2:
-                return True
+def one_stands_out(lines: Lines, fit: Float64) -> bool:
+    """Return whether a range rate is far enough from what ``fit`` says to search for wrong ones."""
+    for j in range(lines.shape[0]):
+        if lines[j].status[RANGE_RATE] == USED and shown_square(lines[j], fit) > _WORTH_A_SEARCH2:
+            return True
     return False
 
 
