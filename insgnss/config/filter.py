@@ -304,6 +304,10 @@ class Adaptation(StrictModel):
         0.25, description="on a pseudorange's variance while the vehicle stands"
     )
     most_factor: Share = Field(1000.0, description="on a variance: noise of 30 times the assumed sigma")
+    range_time_most_s: NotNegative = Field(
+        30.0,
+        description="longest time for which pseudoranges are found to share their errors; 0: as configured",
+    )
     rate_memory_s: NotNegative = Field(
         8.0,
         description="how long a satellite's range rates keep a noise level of their own; 0: they have none",

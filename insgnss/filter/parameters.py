@@ -103,6 +103,7 @@ class Parameters(Record):
     student_freedom: float
     residual_gate2: float  # squared, of a residual after the update; 0: not tested
     drift_gate: float  # sigmas between fast and slow mean; 0: not tested
+    range_time_most: float  # that pseudoranges may be found to share their errors [s]
     rate_memory_s: float  # of a satellite's own noise level of range rates; 0: it has none
     reflected_below_db: float  # [dB]; 0: not tested
     lockout_epochs: float
@@ -265,6 +266,7 @@ def resolve_parameters(
         config.faults.student_freedom,
         (config.faults.residual_sigma or 0.0) ** 2,
         config.faults.drift_sigma or 0.0,
+        config.adaptation.range_time_most_s if config.adaptation.on else 0.0,
         config.adaptation.rate_memory_s if config.adaptation.on else 0.0,
         config.faults.reflected_below_db or 0.0,
         float(config.health.lockout_epochs),

@@ -108,6 +108,9 @@ class StateRecord(Record):
     suspicion: float  # how far they are beyond chance, chi^2 of three
     mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
     mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
+    # means of what a pseudorange's residual shares with those before it, and of its square (``range_time``)
+    range_lasting: float
+    range_square: float
     cn0_level: float  # recent strongest signal, referred to the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
@@ -175,7 +178,7 @@ class Bank(NamedTuple):
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
-    # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
+    # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``satellite_memory``
     memory: Float64
     slow: SlowErrors
 
@@ -187,6 +190,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
     state["level_epochs"] = LEVEL_EPOCHS
+    state["range_square"] = 1.0
     memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     P, slow = np.zeros((n_hypotheses, n, n)), no_slow_errors(n)
@@ -244,6 +248,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
+    target.range_lasting, target.range_square = source.range_lasting, source.range_square
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
     target.unlikely_ns = source.unlikely_ns
     target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information

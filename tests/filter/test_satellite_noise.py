@@ -8,8 +8,8 @@ import pytest
 from insgnss.constants import NS_PER_S
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.state import DRIFT, DV, N_MEMORY, OFFSETS
-from insgnss.filter.update.creeping import SQUARE, SQUARE_S
 from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.satellite_memory import SQUARE, SQUARE_S
 from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, RANGE_RATE
 from insgnss.status import INCONSISTENT, USED

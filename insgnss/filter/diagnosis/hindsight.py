@@ -52,14 +52,9 @@ from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, copy_bank
-from insgnss.filter.update.creeping import (
-    KEPT_OUT_S,
-    LEFT_OUT_S,
-    RATE,
-    RATE_S,
-    RATE_SINCE_S,
-)
+from insgnss.filter.update.creeping import KEPT_OUT_S
 from insgnss.filter.update.epoch_space import new_workspace
+from insgnss.filter.update.satellite_memory import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
 from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_epochs
 

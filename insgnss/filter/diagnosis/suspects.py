@@ -44,7 +44,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, joined_banks, select_members
-from insgnss.filter.update.creeping import LEFT_OUT_S
+from insgnss.filter.update.satellite_memory import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
 from insgnss.tables import Float64
 

@@ -27,7 +27,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_euler, turn_left
 from insgnss.geodesy.vectors import Vector, place, plus, times
-from insgnss.gnss.observation_rows import CARRIER, RANGE_RATE, GnssRows
+from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED

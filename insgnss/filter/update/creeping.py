@@ -42,24 +42,25 @@ from insgnss.filter.update.integrity import (
     fit_freely,
     solve,
 )
+from insgnss.filter.update.range_time import follow_range_time
+from insgnss.filter.update.satellite_memory import (
+    CONTRADICTED_S,
+    CONTRADICTED_SINCE_S,
+    FAST,
+    FORGOTTEN_S,
+    LEFT_OUT_S,
+    RATE,
+    RATE_MEAN_S,
+    RATE_SINCE_S,
+    SLOW,
+    carry_means,
+    takes_part,
+)
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
-# columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
-# and since when [s]; until when the satellite's band is left out [s];
-# the range rate that may repeat, and the satellite's own and the row's variance when it began [m/s], [m^2/s^2]
-FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
-REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
-# since when the others have contradicted its range rate, and when they did so last [s]
-CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
-# mean square of its range rate's residual over the variance, and when [s] (``satellite_noise``)
-SQUARE, SQUARE_S = 12, 13
-
-_FAST_S, _SLOW_S = 5.0, 30.0
-_RATE_S: Final = 10.0
-_FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
 # errors of a rate in a street or of a walker persist for so long, twice their correlation time
 _ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
@@ -69,8 +70,6 @@ _CONTRADICTED_S: Final = 2.0  # for so long on end: a reflection of a moving ant
 # how long a satellite stays out while its rows cannot show whether it is still wrong
 KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
-_MOST_SIGMAS: Final = 10.0  # that one rate counts
-_TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that is not known yet
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
 
@@ -98,6 +97,8 @@ def follow_satellites(
         for kind in range(2):
             if fit_freely(lines, kind, fit) < LEAST_AGREEING:
                 continue
+            if kind == PSEUDORANGE:
+                follow_range_time(m, memory, lines, observation, now, fit)
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
@@ -136,7 +137,7 @@ def hold_contradicted(
         if status == USED:
             mean[CONTRADICTED_S] = -math.inf
         elif status == GATED or status == INCONSISTENT:
-            if not now - mean[CONTRADICTED_S] <= _FORGOTTEN_S:
+            if not now - mean[CONTRADICTED_S] <= FORGOTTEN_S:
                 mean[CONTRADICTED_SINCE_S] = now
             mean[CONTRADICTED_S] = now
             if now - mean[CONTRADICTED_SINCE_S] >= _CONTRADICTED_S:
@@ -158,49 +159,15 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
 
 
 @kernel(inline=True)
-def takes_part(line: Line, kind: int) -> bool:
-    """Return whether a row can show its satellite's error: its clock is known, and a range is inside its gate.
-
-    A range rate may be out of its gate, or left out: a permanent one is the fault searched for.
-    """
-    if kind == RANGE_RATE:
-        return bool(line.status[kind] == USED or line.status[kind] == GATED or line.status[kind] == DRIFTING)
-    return bool(line.status[kind] == USED and line.predicted[kind] <= _TOO_WIDE * line.variance[kind])
-
-
-@kernel(inline=True)
-def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
-    """Update one row's means by its residual after ``fit``."""
-    value = line.innovation[kind] - explained_by(line, kind, fit)
-    if kind == PSEUDORANGE:
-        since = now - mean[RANGE_S]
-        mean[RANGE_S] = now
-        if not 0.0 <= since <= _FORGOTTEN_S:
-            mean[FAST], mean[SLOW] = value, value
-        else:
-            mean[FAST] += (1.0 - math.exp(-since / _FAST_S)) * (value - mean[FAST])
-            mean[SLOW] += (1.0 - math.exp(-since / _SLOW_S)) * (value - mean[SLOW])
-        return
-    limit = _MOST_SIGMAS * math.sqrt(usual_variance(line, kind))
-    value = min(max(value, -limit), limit)
-    since = now - mean[RATE_S]
-    mean[RATE_S] = now
-    if not 0.0 <= since <= _FORGOTTEN_S:
-        mean[RATE], mean[RATE_SINCE_S] = value, now
-    else:
-        mean[RATE] += (1.0 - math.exp(-since / _RATE_S)) * (value - mean[RATE])
-
-
-@kernel(inline=True)
 def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, float]:
     """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said."""
     if not takes_part(line, kind):
         return 0.0, 0.0
     if kind == PSEUDORANGE:
         return mean[FAST] - mean[SLOW], line.variance[kind]
-    if not now - mean[RATE_SINCE_S] >= _RATE_S:
+    if not now - mean[RATE_SINCE_S] >= RATE_MEAN_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * usual_variance(line, kind) + RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * RATE_MEAN_S) * usual_variance(line, kind) + RATE_FLOOR2
 
 
 @kernel(inline=True)

@@ -25,8 +25,9 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY, refuse_inconsistent
-from insgnss.filter.update.creeping import LEAST_AGREEING, SQUARE, SQUARE_S
+from insgnss.filter.update.creeping import LEAST_AGREEING
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance
+from insgnss.filter.update.satellite_memory import SQUARE, SQUARE_S
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
@@ -55,7 +56,8 @@ def widen_noisy_rates(
 ) -> None:
     """Refuse range rates that the others contradict, widen the rest by their levels, and carry their mean squares on.
 
-    Fewer than five rows show no level; what was known of them holds. ``memory`` is (slots, N_MEMORY), see ``creeping``.
+    Fewer than five rows show no level; what was known of them holds. ``memory`` is (slots, N_MEMORY), see
+    ``satellite_memory``.
     """
     if par.rate_memory_s <= 0.0:
         return
@@ -73,7 +75,8 @@ def widen_noisy_rates(
     for j in range(lines.shape[0]):
         lines[j].foreseen = lines[j].extra
     for _ in range(_PASSES if explained else 0):
-        if largest > 1.0 and not explain(P, lines, RANGE_RATE, fit):  # at the level of all it was explained above
+        # at the level of all it was explained above
+        if largest > 1.0 and not explain(P, lines, RANGE_RATE, fit):
             break
         for j in range(lines.shape[0]):
             if lines[j].status[RANGE_RATE] == USED:

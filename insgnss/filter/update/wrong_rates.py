@@ -12,8 +12,8 @@ from typing import Final
 
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
-from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.filter.update.integrity import direction
+from insgnss.filter.update.satellite_memory import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.gnss.observation_rows import RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
