@@ -304,9 +304,10 @@ class Adaptation(StrictModel):
         0.25, description="on a pseudorange's variance while the vehicle stands"
     )
     most_factor: Share = Field(1000.0, description="on a variance: noise of 30 times the assumed sigma")
-    range_time_most_s: NotNegative = Field(
+    reflection_time_s: NotNegative = Field(
         30.0,
-        description="longest time for which pseudoranges are found to share their errors; 0: as configured",
+        description="for how long a satellite's pseudoranges that are off stay so: what they do to the position is in"
+        " sd_*; 0: it is not",
     )
     rate_memory_s: NotNegative = Field(
         8.0,

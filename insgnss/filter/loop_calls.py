@@ -81,7 +81,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         swing_lever_arm: (m, P, par, s.antenna[0], ANY_N),
         place_range_biases: (bank, par, rows, ANY_N, lines),
         follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
-        place_slow_variances: (bank, par, rows, ANY_N, lines),
+        place_slow_variances: (bank, ANY_N, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         raise_level: (m, P, lines, ANY_N, s.fit, values, par),
         widen_noisy_rates: (P, memory, lines, rows.observation, ANY_N, s.fit, values, par),

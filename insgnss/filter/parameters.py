@@ -81,7 +81,8 @@ class Parameters(Record):
     slow_gradient: float  # ... over 1000 km
     slow_troposphere: float
     air_rate: float  # inverse correlation times [1/s]: of these ...
-    satellite_rate: float  # ... and of the satellites'
+    satellite_rate: float  # ... of the satellites' messages ...
+    reflection_rate: float  # ... and of their reflections; zero: these are not followed
     n_held: int  # states that the slow errors reach ...
     held: Annotated[Int64, MAX_OPTIONAL]  # ... and where they stand
     ionosphere_wander: float  # of a second, at most [m^2/s]
@@ -103,7 +104,6 @@ class Parameters(Record):
     student_freedom: float
     residual_gate2: float  # squared, of a residual after the update; 0: not tested
     drift_gate: float  # sigmas between fast and slow mean; 0: not tested
-    range_time_most: float  # that pseudoranges may be found to share their errors [s]
     rate_memory_s: float  # of a satellite's own noise level of range rates; 0: it has none
     reflected_below_db: float  # [dB]; 0: not tested
     lockout_epochs: float
@@ -167,7 +167,9 @@ def _slow_sizes(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[
 def _slow_errors(config: FilterConfig, layout: Layout, slow: SlowSizes) -> tuple[Any, ...]:
     """Return all numbers of the slow errors, in the order of the fields."""
     times_s = (config.slow_errors.air_time_s, config.slow_errors.satellite_time_s)
-    return (*_slow_sizes(config, layout, slow), *(1.0 / time_s for time_s in times_s), *_held(layout))
+    reflection_s = config.adaptation.reflection_time_s if config.adaptation.on else 0.0
+    rates = (*(1.0 / time_s for time_s in times_s), 1.0 / reflection_s if reflection_s > 0.0 else 0.0)
+    return (*_slow_sizes(config, layout, slow), *rates, *_held(layout))
 
 
 def _held(layout: Layout) -> tuple[int, Int64]:
@@ -266,7 +268,6 @@ def resolve_parameters(
         config.faults.student_freedom,
         (config.faults.residual_sigma or 0.0) ** 2,
         config.faults.drift_sigma or 0.0,
-        config.adaptation.range_time_most_s if config.adaptation.on else 0.0,
         config.adaptation.rate_memory_s if config.adaptation.on else 0.0,
         config.faults.reflected_below_db or 0.0,
         float(config.health.lockout_epochs),

@@ -32,14 +32,15 @@ MAX_OPTIONAL: Final = 128  # room for all of them
 MAX_RANGE_BIASES: Final = 64  # among them: satellites whose range errors are states
 # slow errors of the whole sky: ionosphere at the zenith, its gradients north and east, troposphere
 N_PATTERNS: Final = 4
-MAX_SLOW: Final = N_PATTERNS + MAX_RANGE_BIASES  # slow errors, each satellite's after those of the sky
+N_OWN: Final = 2  # slow errors of each satellite: of its message, and of its reflection
+MAX_SLOW: Final = N_PATTERNS + N_OWN * MAX_RANGE_BIASES  # each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 14  # numbers kept of each band of a satellite
+N_MEMORY: Final = 15  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
@@ -108,9 +109,6 @@ class StateRecord(Record):
     suspicion: float  # how far they are beyond chance, chi^2 of three
     mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
     mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
-    # means of what a pseudorange's residual shares with those before it, and of its square (``range_time``)
-    range_lasting: float
-    range_square: float
     cn0_level: float  # recent strongest signal, referred to the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
@@ -190,7 +188,6 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
     state["level_epochs"] = LEVEL_EPOCHS
-    state["range_square"] = 1.0
     memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     P, slow = np.zeros((n_hypotheses, n, n)), no_slow_errors(n)
@@ -248,7 +245,6 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
-    target.range_lasting, target.range_square = source.range_lasting, source.range_square
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
     target.unlikely_ns = source.unlikely_ns
     target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information

@@ -29,7 +29,9 @@ class Line(Record):
     load: Annotated[
         Float64, N_PATTERNS
     ]  # effect of one sigma of the sky's slow errors on the pseudorange [m]
-    slow: float  # variance that all slow errors add to its innovation [m^2]
+    reflected: float  # by how much its pseudoranges have been off for seconds [m] (``reflections``)
+    slow: float  # variance that the slow errors of message and air add to its innovation [m^2]
+    astray: float  # the same of what reflections and earlier errors have done to the state [m^2]
     extra: float  # what its satellite's own noise adds to its range rate's variance (``satellite_noise``)
     foreseen: float  # the same, by the epochs before
     square: float  # mean square of its range rate's residual over the variance at the level of all

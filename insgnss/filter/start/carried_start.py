@@ -325,5 +325,4 @@ def _carry_values(
             m.optional[value], P[at, at] = old.optional[value], variance
     m.noise_factor[:], m.level_epochs[:] = old.noise_factor, old.level_epochs
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
-    m.range_lasting, m.range_square = old.range_lasting, old.range_square
     m.cn0_level, m.cn0_level_ns = old.cn0_level, old.cn0_level_ns

@@ -165,8 +165,6 @@ class StartValidation:
             "level_epochs",
             "adapted_ns",
             "adapted_count",
-            "range_lasting",
-            "range_square",
             "cn0_level",
             "cn0_level_ns",
         ):

@@ -42,7 +42,6 @@ from insgnss.filter.update.integrity import (
     fit_freely,
     solve,
 )
-from insgnss.filter.update.range_time import follow_range_time
 from insgnss.filter.update.satellite_memory import (
     CONTRADICTED_S,
     CONTRADICTED_SINCE_S,
@@ -87,9 +86,9 @@ def follow_satellites(
     """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
 
     Those that were left out already are refused (``refuse_left_out``): they do not take part in what all have in
-    common. Return whether any more are. ``memory`` is (slots, N_MEMORY), see the names above.
+    common. Return whether any more are. ``memory`` is (slots, N_MEMORY), see ``satellite_memory``.
     """
-    if par.drift_gate <= 0.0:
+    if par.drift_gate <= 0.0 and par.reflection_rate <= 0.0:
         return False
     now = t_ns * 1e-9
     refused = False
@@ -97,12 +96,12 @@ def follow_satellites(
         for kind in range(2):
             if fit_freely(lines, kind, fit) < LEAST_AGREEING:
                 continue
-            if kind == PSEUDORANGE:
-                follow_range_time(m, memory, lines, observation, now, fit)
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
-            if stands_out(memory, lines, observation, kind, now, fit, par.drift_gate**2):
+            if par.drift_gate > 0.0 and stands_out(
+                memory, lines, observation, kind, now, fit, par.drift_gate**2
+            ):
                 anew, gate2 = kind == RANGE_RATE, par.drift_gate**2
                 found = find_creeping(memory, lines, observation, kind, now, gate2, anew)
                 if found == 0 and anew:

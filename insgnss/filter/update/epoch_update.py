@@ -34,7 +34,6 @@ from insgnss.filter.update.judging import UpdateOutcome, gate_carriers, judge_ro
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
-from insgnss.filter.update.range_time import spread_of
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
@@ -89,7 +88,7 @@ def update_epoch(
         observe_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, drift_variance = s.vectors[0], P[DRIFT, DRIFT]
-    place_slow_variances(bank, par, rows, epoch, lines)
+    place_slow_variances(bank, member, par, rows, epoch, lines)
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
@@ -97,7 +96,7 @@ def update_epoch(
     done = judge_rows(bank, member, par, lines, observation, t_ns, s)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, no_ranges, no_rates = use_epoch(
-        m, P, lines, s.vectors, par, since_last, scratch.A, response
+        P, lines, s.vectors, par, since_last, scratch.A, response
     )  # the prior is in scratch.A then
     if par.drift_gate > 0.0:
         hold_contradicted(m, bank.memory[member], lines, observation, t_ns)
@@ -186,7 +185,6 @@ def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) 
 
 @kernel(inline=True)
 def use_epoch(
-    m: StateRecord,
     P: Float64,
     lines: Lines,
     vectors: Float64,
@@ -213,15 +211,15 @@ def use_epoch(
             correction[i] = 0.0
         log_likelihood, information = 0.0, 0.0
         for kind in range(N_KINDS):
-            spread = spread_of(m, par, kind, since_last)
+            spread = spread_of(par, kind, since_last)
             of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spread, response)
             log_likelihood += of_kind[0]
             information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
-        no_ranges = left_out_of(m, PSEUDORANGE, prior, P, lines, correction, par, since_last)
+        no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, since_last)
         if response.shape[0] == 0:  # under a wrong heading the right rates contradict each other
-            no_rates = left_out_of(m, RANGE_RATE, prior, P, lines, correction, par, since_last)
+            no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, since_last)
         if no_ranges + no_rates == 0:
             break
         copy_matrix(prior, P)
@@ -232,7 +230,6 @@ def use_epoch(
 
 @kernel(inline=True)
 def left_out_of(
-    m: StateRecord,
     kind: int,
     prior: Float64,
     P: Float64,
@@ -242,9 +239,15 @@ def left_out_of(
     since_last: float,
 ) -> int:
     """Refuse the rows of a kind that the others contradict after an update; return how many."""
-    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(m, par, kind, since_last)):
+    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(par, kind, since_last)):
         return 0
     return int(refuse_inconsistent(prior, lines, kind, par.residual_gate2))
+
+
+@kernel(inline=True)
+def spread_of(par: Parameters, kind: int, since_last: float) -> float:
+    """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
+    return float(max(1.0, par.kind[kind].correlation / since_last))
 
 
 @kernel(apart=True)

@@ -134,12 +134,13 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
 @kernel(inline=True)
 def whole_variance(line: Line, kind: int) -> float:
     """Return the variance of an innovation, of a pseudorange with the slow errors."""
-    return float(line.predicted[kind] + line.variance[kind] + slow_variance(line, kind))
+    astray = line.astray if kind == PSEUDORANGE else 0.0
+    return float(line.predicted[kind] + line.variance[kind] + slow_variance(line, kind) + astray)
 
 
 @kernel(inline=True)
 def slow_variance(line: Line, kind: int) -> float:
-    """Return what slow errors that the state has not taken yet add to the variance of an innovation."""
+    """Return what the slow errors of message and air that the state has not taken add to an innovation's variance."""
     return float(line.slow) if kind == PSEUDORANGE else 0.0
 
 

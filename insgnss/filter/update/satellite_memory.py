@@ -7,7 +7,8 @@ from typing import Final
 
 from insgnss.filter.rows.lines import Line
 from insgnss.filter.rows.usual_variance import usual_variance
-from insgnss.filter.update.integrity import explained_by
+from insgnss.filter.update.consistency import LEAST_REDUNDANCY
+from insgnss.filter.update.integrity import explained_by, explained_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, GATED, USED
@@ -22,10 +23,12 @@ REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
 # mean square of its range rate's residual over the variance, and when [s] (``satellite_noise``)
 SQUARE, SQUARE_S = 12, 13
+# mean over five seconds of its pseudorange's residual, for the part of it that residuals show [m] (``reflections``)
+REFLECTION = 14
 
-FAST_MEAN_S: Final = 5.0
 RATE_MEAN_S: Final = 10.0
 FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
+_FAST_MEAN_S: Final = 5.0
 _SLOW_MEAN_S: Final = 30.0
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that is not known yet
@@ -47,13 +50,8 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
     """Update one row's means by its residual after ``fit``."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
     if kind == PSEUDORANGE:
-        since = now - mean[RANGE_S]
-        mean[RANGE_S] = now
-        if not 0.0 <= since <= FORGOTTEN_S:
-            mean[FAST], mean[SLOW] = value, value
-        else:
-            mean[FAST] += (1.0 - math.exp(-since / FAST_MEAN_S)) * (value - mean[FAST])
-            mean[SLOW] += (1.0 - math.exp(-since / _SLOW_MEAN_S)) * (value - mean[SLOW])
+        shown = max(1.0 - explained_variance(line, kind, fit) / line.variance[kind], LEAST_REDUNDANCY)
+        carry_range_means(mean, value, value / math.sqrt(shown), now)
         return
     limit = _MOST_SIGMAS * math.sqrt(usual_variance(line, kind))
     value = min(max(value, -limit), limit)
@@ -63,3 +61,17 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
         mean[RATE], mean[RATE_SINCE_S] = value, now
     else:
         mean[RATE] += (1.0 - math.exp(-since / RATE_MEAN_S)) * (value - mean[RATE])
+
+
+@kernel(inline=True)
+def carry_range_means(mean: Float64, value: float, whole: float, now: float) -> None:
+    """Update the means of a pseudorange's residual; ``whole`` is what the error must be to leave it."""
+    since = now - mean[RANGE_S]
+    mean[RANGE_S] = now
+    if not 0.0 <= since <= FORGOTTEN_S:
+        mean[FAST], mean[SLOW], mean[REFLECTION] = value, value, whole
+        return
+    fast = 1.0 - math.exp(-since / _FAST_MEAN_S)
+    mean[FAST] += fast * (value - mean[FAST])
+    mean[REFLECTION] += fast * (whole - mean[REFLECTION])
+    mean[SLOW] += (1.0 - math.exp(-since / _SLOW_MEAN_S)) * (value - mean[SLOW])

@@ -28,7 +28,8 @@ from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
 from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
-from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, N_PATTERNS, OFFSETS, Bank, SlowErrors
+from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, N_OWN, N_PATTERNS, OFFSETS, Bank, SlowErrors
+from insgnss.filter.update.reflections import place_reflections
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
@@ -69,6 +70,7 @@ def follow_slow_errors(
     if member != bank.head[0].leader or bank.head[0].n_slow == 0:
         return
     n, held, first = bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
+    place_reflections(bank.memory[member], par, rows, epoch, s.lines)
     if bank.head[0].from_fix == 1:
         bank.head[0].from_fix, since_last = 0, 0.0  # the fix is the epoch's
         place_effects_of_fix(bank.slow, n, held, rows, epoch, s.lines)
@@ -90,7 +92,8 @@ def follow_slow_errors(
                 for i in range(N_PATTERNS):
                     add_scaled(A[i], line.load[i], left)
                 if line.bias > 0:
-                    add_scaled(A[N_PATTERNS + line.bias - 1], row.bias_sigma, left)
+                    for i in range(own_error(line, 0), own_error(line, N_OWN)):
+                        add_scaled(A[i], load_of(line, row, i), left)
             for a in range(line.count[kind]):
                 if place[line.columns[kind, a]] >= 0:
                     add_scaled(U[place[line.columns[kind, a]]], -line.h[kind, a], left)
@@ -156,22 +159,31 @@ def sandwiched(R: Float64, U: Float64) -> Float64:
 
 
 @kernel(apart=True)
-def place_slow_variances(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, lines: Lines) -> None:
+def place_slow_variances(
+    bank: Bank, member: int, par: Parameters, rows: GnssRows, epoch: int, lines: Lines
+) -> None:
     """Write what the slow errors add to the variance of each pseudorange's innovation: |a - h S|^2 + h R h^T.
 
-    What the state has taken of an error already is not in the innovation any more.
+    What the state has taken of an error already is not in the innovation any more. A reflection itself, |a|^2, is in
+    the row's own variance already.
     """
     first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
+    place_reflections(bank.memory[member], par, rows, epoch, lines)
     for j in range(rows.first[epoch + 1] - first):
         line, row = lines[j], rows.observation[first + j]
-        line.slow = 0.0
+        line.slow, line.astray = 0.0, 0.0
         if n == 0 or line.status[PSEUDORANGE] != USED:
             continue
         place_loads(par, row, line)
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
-        line.slow = predicted_variance(bank.slow.R, h, columns)
+        line.astray = predicted_variance(bank.slow.R, h, columns) - line.reflected**2
         for i in range(n):
-            line.slow += not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
+            left = not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
+            if is_reflection(i):
+                line.astray += left
+            else:
+                line.slow += left
+        line.astray = max(line.astray, 0.0)
 
 
 @kernel(inline=True)
@@ -179,15 +191,32 @@ def load_of(line: Line, row: Observation, i: int) -> float:
     """Return the effect of one sigma of a slow error on a pseudorange [m]."""
     if i < N_PATTERNS:
         return float(line.load[i])
-    return float(row.bias_sigma) if line.bias == i - N_PATTERNS + 1 else 0.0
+    if not own_error(line, 0) <= i < own_error(line, N_OWN):
+        return 0.0
+    return float(line.reflected if is_reflection(i) else row.bias_sigma)
+
+
+@kernel(inline=True)
+def own_error(line: Line, own: int) -> int:
+    """Return which slow error is number ``own`` of a line's satellite."""
+    return N_PATTERNS + N_OWN * (line.bias - 1) + own
+
+
+@kernel(inline=True)
+def is_reflection(i: int) -> bool:
+    """Return whether a slow error is a satellite's reflection, which comes after its message's error."""
+    return i >= N_PATTERNS and (i - N_PATTERNS) % N_OWN == N_OWN - 1
 
 
 @kernel(inline=True)
 def fade(S: Float64, R: Float64, par: Parameters, dt: float) -> None:
     """Let the errors forget themselves over ``dt`` [s]: what they have done to the state stays, on its own."""
     of_sky, of_satellite = math.exp(-dt * par.air_rate), math.exp(-dt * par.satellite_rate)
+    of_reflection = math.exp(-dt * par.reflection_rate)
     for i in range(S.shape[0]):
-        f = of_sky if i < N_PATTERNS else of_satellite
+        f = of_sky
+        if i >= N_PATTERNS:
+            f = of_reflection if is_reflection(i) else of_satellite
         for a in range(R.shape[0]):
             add_scaled(R[a], (1.0 - f * f) * S[i, a], S[i])
         for a in range(R.shape[0]):
