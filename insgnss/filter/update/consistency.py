@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.filter.rows.lines import Line, Lines
-from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.filter.update.scalar_update import covariance_with, predicted_variance
 from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
@@ -121,16 +121,15 @@ def leave_contradicted(
 @kernel(inline=True)
 def write_innovations(T: Float64, P: Float64, lines: Lines, kind: int, index: Int64) -> None:
     """Write S and behind it y of the rows ``index`` (n,) into ``T`` (n, n + 1)."""
-    n = index.shape[0]
+    n, with_row = index.shape[0], np.empty(P.shape[0])
     for a in range(n):
         one = lines[index[a]]
+        covariance_with(P, one.h[kind], one.columns[kind][: one.count[kind]], with_row)
         for b in range(a + 1):
             other = lines[index[b]]
             total = one.variance[kind] if a == b else 0.0
-            for i in range(one.count[kind]):
-                for k in range(other.count[kind]):
-                    p = P[one.columns[kind, i], other.columns[kind, k]]
-                    total += one.h[kind, i] * p * other.h[kind, k]
+            for i in range(other.count[kind]):
+                total += other.h[kind, i] * with_row[other.columns[kind, i]]
             T[a, b] = total
             T[b, a] = total
         T[a, n] = one.innovation[kind]
@@ -159,9 +158,8 @@ def exchange(T: Float64, j: int) -> bool:
     for i in range(n):
         if i != j:
             share = T[i, j]
-            for c in range(width):
-                if c != j:
-                    T[i, c] -= share * T[j, c]
+            for c in range(width):  # without a question in it the compiler takes several columns at once
+                T[i, c] -= share * T[j, c]
             T[i, j] = -share / pivot
     return True
 
