@@ -166,7 +166,7 @@ def _slow(table: pd.DataFrame) -> list[str]:
     if not horizontal > 0.0:
         return []
     return [
-        "Of the sigma, errors that last for minutes (orbits, clocks, residual atmosphere) make up about"
+        "Of the sigma, errors that last for minutes (orbits, clocks, residual atmosphere, reflections) make up about"
         f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically."
     ]
 

@@ -6,27 +6,48 @@ import numpy as np
 import pytest
 
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.rows.lines import GAIN_ROWS
-from insgnss.filter.state import CLOCK, DR, MAX_SLOW, N_PATTERNS, OFFSETS, SlowErrors, no_slow_errors
+from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace
+from insgnss.filter.state import (
+    CLOCK,
+    DR,
+    MAX_SLOW,
+    N_OWN,
+    N_PATTERNS,
+    OFFSETS,
+    Bank,
+    SlowErrors,
+    no_slow_errors,
+)
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import forget_effect
+from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION
 from insgnss.filter.update.slow_errors import correct_by_row_without, follow_slow_errors
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, GnssRows
 from insgnss.status import GATED, USED
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 
 N = OFFSETS + 2
 HELD = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS, OFFSETS + 1])
 COLUMNS = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS + 1])
-N_ERRORS = 6
+N_ERRORS = N_PATTERNS + 2 * N_OWN
 
 
-def rates(air_s: float, satellite_s: float) -> np.ndarray:
+def rates(air_s: float, satellite_s: float, reflection_s: float) -> np.ndarray:
     """Return the filter's numbers with correlation times."""
     par = np.zeros(1, PARAMETERS_DTYPE)
     par["air_rate"], par["satellite_rate"] = 1.0 / air_s, 1.0 / satellite_s
+    par["reflection_rate"] = 1.0 / reflection_s
     par["n_held"], par["held"][0, : len(HELD)], par["at_clone"] = len(HELD), HELD, -1
     return par
+
+
+def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) -> np.ndarray:
+    """Let the pseudoranges of the first epoch have been off by so much beyond their sigma; return ``size_m``."""
+    variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(len(size_m))
+    memory = bank.memory[0]
+    memory[log.observation["slot"], RANGE_S] = log.epoch_ns[0] * 1e-9
+    memory[log.observation["slot"], REFLECTION] = -np.sqrt(size_m**2 + np.where(size_m > 0.0, variance, 0.0))
+    return size_m
 
 
 def total(slow: SlowErrors) -> np.ndarray:
@@ -47,16 +68,21 @@ def joint_fade(joint: np.ndarray, f: np.ndarray) -> np.ndarray:
     return np.asarray(A @ joint @ A.T + np.diag(np.r_[np.zeros(N), 1.0 - f**2]))
 
 
-@pytest.mark.parametrize(("air_s", "satellite_s"), [(1e9, 1e9), (300.0, 20.0)])
-def test_effects_are_those_of_the_joint_covariance(air_s: float, satellite_s: float) -> None:
+@pytest.mark.parametrize(
+    ("air_s", "satellite_s", "reflection_s"), [(1e9, 1e9, 1e9), (300.0, 20.0, 5.0)], ids=("lasting", "fading")
+)
+def test_effects_are_those_of_the_joint_covariance(
+    air_s: float, satellite_s: float, reflection_s: float
+) -> None:
     """Over forty epochs of pseudoranges and carrier differences, used and refused, of any gains and loads."""
     rng = np.random.default_rng(31)
     bank = new_filter(place(), offsets=(0.0, 0.0))
     bank.head["n_slow"] = N_ERRORS
     log = perfect_rows(bank, parameters(), [START_NS], sky(place()))
-    s, k, par = new_epoch(len(log.sat), N), len(log.sat), rates(air_s, satellite_s)[0]
+    log.observation["slot"] = np.arange(len(log.sat))
+    s, k, par = new_epoch(len(log.sat), N), len(log.sat), rates(air_s, satellite_s, reflection_s)[0]
     joint = np.diag(np.r_[np.zeros(N), np.ones(MAX_SLOW)])
-    time_s = np.where(np.arange(MAX_SLOW) < N_PATTERNS, air_s, satellite_s)
+    time_s = np.r_[np.full(N_PATTERNS, air_s), np.tile([satellite_s, reflection_s], MAX_SLOW // 2)][:MAX_SLOW]
     s.lines["columns"][:, :, :5], s.lines["count"] = COLUMNS, 5
     for _ in range(40):
         dt = rng.uniform(0.1, 5.0)
@@ -66,6 +92,7 @@ def test_effects_are_those_of_the_joint_covariance(air_s: float, satellite_s: fl
         s.vectors[:] = 0.0
         s.vectors[GAIN_ROWS:, HELD] = 0.1 * rng.normal(size=(2 * k, len(HELD)))
         log.observation["bias_sigma"] = rng.uniform(0.1, 2.0, k)
+        reflected = reflect(bank, log, s, rng.choice([0.0, 8.0], k))
         for kind, at in ((PSEUDORANGE, 0), (CARRIER, 1)):
             for j in np.flatnonzero(s.lines["status"][:, kind] == USED):
                 row, load = np.zeros(N), np.zeros(MAX_SLOW)
@@ -73,7 +100,8 @@ def test_effects_are_those_of_the_joint_covariance(air_s: float, satellite_s: fl
                 if kind == PSEUDORANGE:
                     load[:N_PATTERNS] = s.lines["load"][j]
                     if s.lines["bias"][j]:
-                        load[N_PATTERNS + s.lines["bias"][j] - 1] = log.observation["bias_sigma"][j]
+                        own = N_PATTERNS + N_OWN * (s.lines["bias"][j] - 1)
+                        load[own], load[own + 1] = log.observation["bias_sigma"][j], reflected[j]
                 joint = joint_step(joint, row, s.vectors[GAIN_ROWS + 2 * j + at], load)
         follow_slow_errors(bank, 0, par, log, 0, dt, s)
         np.testing.assert_allclose(total(bank.slow), joint[:N, :N], rtol=1e-9, atol=1e-9)
