@@ -1,9 +1,10 @@
 """What range errors that last do to a filter that takes them for noise (consider analysis), compiled.
 
 Orbits and clocks of the messages, and what the models of ionosphere and troposphere leave, last for about an hour,
-reflections (``reflections``) for seconds to minutes. No gain is made for them, so they pass into the state e = estimate - truth by the gains of the ranges that have them. Each
-is a Gauss-Markov process b of unit variance. With e = S b + c, c what earlier values of the errors have left, of
-covariance R, a step over the time t and a row h with the load a of the errors on its measurement make
+reflections (``reflections``) for seconds to minutes. No gain is made for them, so they pass into the state
+e = estimate - truth by the gains of the ranges that have them. Each is a Gauss-Markov process b of unit variance. With
+e = S b + c, c what earlier values of the errors have left, of covariance R, a step over the time t and a row h with the
+load a of the errors on its measurement make
 
     R <- R + S (I - f^2) S^T,           S <- S f,                f = exp(-t / correlation time)
     R <- (I - K h) R (I - K h)^T,       S <- S + K (a - h S),    P_total = P + S S^T + R
