@@ -52,9 +52,9 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
 *_declination_deg: declination beyond `declination_deg`
 *_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: the share that errors that last for minutes (orbits and clocks of the messages, the
-  rest of ionosphere and troposphere, reflections) have in sd_n_m sd_e_m sd_d_m: what they do to the position through the
-  filter's gains, by the sizes in `[slow_errors]` and those that residuals show; absent where `process.range_bias_states`
-  makes states of them
+  rest of ionosphere and troposphere, reflections) have in sd_n_m sd_e_m sd_d_m: what they do to the position through
+  the filter's gains, by the sizes in `[slow_errors]` and those that residuals show; absent where
+  `process.range_bias_states` makes states of them
 hpl_m vpl_m: protection levels, horizontal and vertical: the risk of `[integrity]` is the probability that the error
   exceeds them without an alert; infinite where a solution without a satellite does not exist, and where two faults at
   once spend the risk; with `--integrity`
