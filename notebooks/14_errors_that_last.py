@@ -135,8 +135,8 @@ cost = pd.DataFrame(
 print(cost.round(2).to_string())
 
 # %% [markdown]
-# The sizes are a statement about the day and the receiver. For multipath that lasts, enlarge
-# `slow_errors.satellite_m` and set `slow_errors.satellite_time_s` to a minute.
+# The sizes are a statement about the day and the receiver. Multipath that lasts is found from
+# the satellites' residuals (`adaptation.reflection_time_s`), as far as these show it.
 
 # %%
 proud, followed, states = (summary.loc[name, "error over sigma"] for name in CASES)

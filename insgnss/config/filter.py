@@ -306,8 +306,8 @@ class Adaptation(StrictModel):
     most_factor: Share = Field(1000.0, description="on a variance: noise of 30 times the assumed sigma")
     reflection_time_s: NotNegative = Field(
         30.0,
-        description="for how long a satellite's pseudoranges that are off stay so: what they do to the position is in"
-        " sd_*; 0: it is not",
+        description="correlation time of a reflection that a satellite's residuals show: sd_* include what it does to"
+        " the position, where slow errors are followed; 0: reflections are ignored",
     )
     rate_memory_s: NotNegative = Field(
         8.0,

@@ -32,15 +32,15 @@ MAX_OPTIONAL: Final = 128  # room for all of them
 MAX_RANGE_BIASES: Final = 64  # among them: satellites whose range errors are states
 # slow errors of the whole sky: ionosphere at the zenith, its gradients north and east, troposphere
 N_PATTERNS: Final = 4
-N_OWN: Final = 2  # slow errors of each satellite: of its message, and of its reflection
-MAX_SLOW: Final = N_PATTERNS + N_OWN * MAX_RANGE_BIASES  # each satellite's after those of the sky
+N_OF_SATELLITE: Final = 2  # slow errors of each satellite: of its message, and of its reflection
+MAX_SLOW: Final = N_PATTERNS + N_OF_SATELLITE * MAX_RANGE_BIASES  # each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 15  # numbers kept of each band of a satellite
+N_MEMORY: Final = 16  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5

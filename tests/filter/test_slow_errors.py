@@ -11,7 +11,7 @@ from insgnss.filter.state import (
     CLOCK,
     DR,
     MAX_SLOW,
-    N_OWN,
+    N_OF_SATELLITE,
     N_PATTERNS,
     OFFSETS,
     Bank,
@@ -20,8 +20,8 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import forget_effect
-from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION
-from insgnss.filter.update.slow_errors import correct_by_row_without, follow_slow_errors
+from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
+from insgnss.filter.update.slow_errors import correct_by_row_without, follow_slow_errors, place_slow_variances
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, GnssRows
 from insgnss.status import GATED, USED
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
@@ -29,7 +29,8 @@ from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, p
 N = OFFSETS + 2
 HELD = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS, OFFSETS + 1])
 COLUMNS = np.array([DR, DR + 1, DR + 2, CLOCK, OFFSETS + 1])
-N_ERRORS = N_PATTERNS + 2 * N_OWN
+NOISE_OF_MEAN = 0.1  # of the variance of a row
+N_ERRORS = N_PATTERNS + 2 * N_OF_SATELLITE
 
 
 def rates(air_s: float, satellite_s: float, reflection_s: float) -> np.ndarray:
@@ -46,7 +47,9 @@ def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) ->
     variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(len(size_m))
     memory = bank.memory[0]
     memory[log.observation["slot"], RANGE_S] = log.epoch_ns[0] * 1e-9
-    memory[log.observation["slot"], REFLECTION] = -np.sqrt(size_m**2 + np.where(size_m > 0.0, variance, 0.0))
+    shown_m = np.sqrt(size_m**2 + np.where(size_m != 0.0, 4.0 * NOISE_OF_MEAN * variance, 0.0))
+    memory[log.observation["slot"], REFLECTION] = np.copysign(shown_m, size_m)
+    memory[log.observation["slot"], REFLECTION_VARIANCE] = NOISE_OF_MEAN
     return size_m
 
 
@@ -92,7 +95,7 @@ def test_effects_are_those_of_the_joint_covariance(
         s.vectors[:] = 0.0
         s.vectors[GAIN_ROWS:, HELD] = 0.1 * rng.normal(size=(2 * k, len(HELD)))
         log.observation["bias_sigma"] = rng.uniform(0.1, 2.0, k)
-        reflected = reflect(bank, log, s, rng.choice([0.0, 8.0], k))
+        reflected = reflect(bank, log, s, rng.choice([0.0, 8.0, -8.0], k))
         for kind, at in ((PSEUDORANGE, 0), (CARRIER, 1)):
             for j in np.flatnonzero(s.lines["status"][:, kind] == USED):
                 row, load = np.zeros(N), np.zeros(MAX_SLOW)
@@ -100,12 +103,46 @@ def test_effects_are_those_of_the_joint_covariance(
                 if kind == PSEUDORANGE:
                     load[:N_PATTERNS] = s.lines["load"][j]
                     if s.lines["bias"][j]:
-                        own = N_PATTERNS + N_OWN * (s.lines["bias"][j] - 1)
+                        own = N_PATTERNS + N_OF_SATELLITE * (s.lines["bias"][j] - 1)
                         load[own], load[own + 1] = log.observation["bias_sigma"][j], reflected[j]
                 joint = joint_step(joint, row, s.vectors[GAIN_ROWS + 2 * j + at], load)
         follow_slow_errors(bank, 0, par, log, 0, dt, s)
         np.testing.assert_allclose(total(bank.slow), joint[:N, :N], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(bank.slow.S, joint[N:, :N], rtol=1e-9, atol=1e-9)
+
+
+def test_what_the_state_has_taken_is_in_the_variance_of_an_innovation() -> None:
+    """Errors of message and air as far as they are not taken; beside them what reflections and the past have done."""
+    rng = np.random.default_rng(34)
+    bank = new_filter(place(), offsets=(0.0, 0.0))
+    bank.head["n_slow"] = N_ERRORS
+    log = perfect_rows(bank, parameters(), [START_NS], sky(place()))
+    log.observation["slot"], log.observation["bias_sigma"] = np.arange(len(log.sat)), 0.6
+    par, s, k = rates(1e9, 1e9, 1e9)[0], new_epoch(len(log.sat), N), len(log.sat)
+    bank.slow.S[:N_ERRORS, HELD] = rng.standard_normal((N_ERRORS, len(HELD)))
+    bank.slow.R[np.ix_(HELD, HELD)] = np.diag(rng.uniform(1.0, 9.0, len(HELD)))
+    s.lines["columns"][:, :, :5], s.lines["count"] = COLUMNS, 5
+    s.lines["h"], s.lines["bias"] = rng.normal(size=s.lines["h"].shape), 1 + np.arange(k) % 2
+    s.lines["status"] = USED
+    s.lines["u_n"] = np.array([0.6, 0.0, -0.8])
+    size = reflect(bank, log, s, np.resize([0.0, 1.0, -20.0], k))
+    place_slow_variances(bank, 0, par, log, 0, s.lines)
+    number = np.arange(N_ERRORS) - N_PATTERNS
+    reflected = (number >= 0) & (number % N_OF_SATELLITE == 1)
+    for j in range(k):
+        row, load = np.zeros(N), np.zeros(N_ERRORS)
+        row[COLUMNS] = s.lines["h"][j, PSEUDORANGE, :5]
+        at = N_PATTERNS + N_OF_SATELLITE * (s.lines["bias"][j] - 1)
+        load[:N_PATTERNS], load[at], load[at + 1] = (
+            s.lines["load"][j],
+            log.observation["bias_sigma"][j],
+            size[j],
+        )
+        left = (load - bank.slow.S[:N_ERRORS] @ row) ** 2
+        of_row = np.minimum(load**2, s.lines["variance"][j, PSEUDORANGE])
+        taken = row @ bank.slow.R @ row + np.maximum(left - of_row, 0.0)[reflected].sum()
+        assert s.lines["slow"][j] == pytest.approx(left[~reflected].sum())
+        assert s.lines["astray"][j] == pytest.approx(taken)
 
 
 def test_own_row_corrects_as_a_row_without_errors() -> None:

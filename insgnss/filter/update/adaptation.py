@@ -3,7 +3,7 @@
 No fixed sigma suits a survey receiver under open sky and a telephone in a street. From the satellites' residuals
 against each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised
 innovations are near one and sigma means something. Slow errors that persist for many epochs (atmosphere, orbits,
-multipath at rest) do not show in what is left: they are in no sigma.
+multipath at rest) do not show in what is left: ``slow_errors`` has what they do to the position.
 """
 
 from __future__ import annotations

@@ -158,7 +158,7 @@ def exchange(T: Float64, j: int) -> bool:
     for i in range(n):
         if i != j:
             share = T[i, j]
-            for c in range(width):  # without a question in it the compiler takes several columns at once
+            for c in range(width):  # without a branch the compiler vectorises this loop
                 T[i, c] -= share * T[j, c]
             T[i, j] = -share / pivot
     return True

@@ -33,7 +33,7 @@ _VELOCITY: Final = RATE_COLUMNS.index(DV)
 
 _LEAST_PARITY_ROWS: Final = 5  # fewer have no parity part
 _WIDER2: Final = 100.0  # ten sigmas of its own prediction that may be wrong before noise is blamed
-_OUTLIER2: Final = 25.0
+OUTLIER2: Final = 25.0
 INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _MEMORY_S: Final = 8.0  # a sensor's fault shows for many seconds, a jolt for one or two
 _FORGOTTEN_S: Final = 30.0  # after so long without rows what was seen before says nothing
@@ -228,7 +228,7 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
             if turn == 1:
                 a, b, c = direction(line, kind)
                 rest = y - (a * fit_before[0] + b * fit_before[1] + c * fit_before[2] + fit_before[3])
-                if rest * rest > _OUTLIER2 * line.variance[kind]:
+                if rest * rest > OUTLIER2 * line.variance[kind]:
                     continue
             add_row(line, kind, y, line.variance[kind], fit)
             count += 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Lines
-from insgnss.filter.state import N_OWN, N_PATTERNS, OFFSETS, Bank, HeadRecord, SlowErrors
+from insgnss.filter.state import N_OF_SATELLITE, N_PATTERNS, OFFSETS, Bank, HeadRecord, SlowErrors
 from insgnss.gnss.observation_rows import N_BANDS, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Int64
@@ -14,9 +14,9 @@ from insgnss.tables import Int64
 def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, lines: Lines) -> None:
     """Write into the lines of an epoch which slow error is that of each row's satellite.
 
-    It is a state of the filter where the settings ask for that, else ``N_OWN`` rows of ``SlowErrors.S``. All hypotheses
-    have the same, so it is decided once for the bank. First come the satellites that have a place; those that are then
-    without one take places of satellites that this epoch does not have, as far as there are any.
+    It is a state of the filter where the settings ask for that, else ``N_OF_SATELLITE`` rows of ``SlowErrors.S``. All
+    hypotheses have the same, so it is decided once for the bank. First come the satellites that have a place; those
+    that are then without one take places of satellites that this epoch does not have, as far as there are any.
     """
     states, n = par.at_range_biases >= 0, par.n_slow
     head, first, t_ns = bank.head[0], rows.first[epoch], rows.epoch_ns[epoch]
@@ -27,7 +27,7 @@ def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, 
             row = rows.observation[first + j]
             if new == 0:
                 lines[j].bias = 0
-            if lines[j].bias != 0 or (states and row.bias_sigma <= 0.0):
+            if lines[j].bias != 0 or (row.bias_sigma <= 0.0 and (states or par.reflection_rate <= 0.0)):
                 continue
             name = row.slot // N_BANDS + 1
             i = place_of(head, n, name)
@@ -37,13 +37,15 @@ def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, 
                     if states:
                         forget_state(bank, par.at_range_biases + i)
                     else:
-                        for own in range(N_OWN):
-                            forget_effect(bank.slow, N_PATTERNS + N_OWN * i + own, par.held[: par.n_held])
+                        for own in range(N_OF_SATELLITE):
+                            forget_effect(
+                                bank.slow, N_PATTERNS + N_OF_SATELLITE * i + own, par.held[: par.n_held]
+                            )
             if i >= 0:
                 head.biased[i], head.biased_ns[i] = name, t_ns
                 lines[j].bias = i + 1
                 if not states:
-                    head.n_slow = max(head.n_slow, N_PATTERNS + N_OWN * (i + 1))
+                    head.n_slow = max(head.n_slow, N_PATTERNS + N_OF_SATELLITE * (i + 1))
 
 
 @kernel(inline=True)

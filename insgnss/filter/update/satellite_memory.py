@@ -8,7 +8,7 @@ from typing import Final
 from insgnss.filter.rows.lines import Line
 from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.update.consistency import LEAST_REDUNDANCY
-from insgnss.filter.update.integrity import explained_by, explained_variance
+from insgnss.filter.update.integrity import OUTLIER2, explained_by, explained_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, GATED, USED
@@ -23,8 +23,9 @@ REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 CONTRADICTED_SINCE_S, CONTRADICTED_S = 10, 11
 # mean square of its range rate's residual over the variance, and when [s] (``satellite_noise``)
 SQUARE, SQUARE_S = 12, 13
-# mean over five seconds of its pseudorange's residual, for the part of it that residuals show [m] (``reflections``)
-REFLECTION = 14
+# mean over five seconds of its pseudorange's residual, scaled to the variance r of a single row [m], and the variance
+# of that mean over r (``reflections``)
+REFLECTION, REFLECTION_VARIANCE = 14, 15
 
 RATE_MEAN_S: Final = 10.0
 FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
@@ -50,8 +51,7 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
     """Update one row's means by its residual after ``fit``."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
     if kind == PSEUDORANGE:
-        shown = max(1.0 - explained_variance(line, kind, fit) / line.variance[kind], LEAST_REDUNDANCY)
-        carry_range_means(mean, value, value / math.sqrt(shown), now)
+        carry_range_means(mean, value, value / math.sqrt(shown_share(line, value, fit)), now)
         return
     limit = _MOST_SIGMAS * math.sqrt(usual_variance(line, kind))
     value = min(max(value, -limit), limit)
@@ -64,14 +64,29 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
 
 
 @kernel(inline=True)
-def carry_range_means(mean: Float64, value: float, whole: float, now: float) -> None:
-    """Update the means of a pseudorange's residual; ``whole`` is what the error must be to leave it."""
+def shown_share(line: Line, residual: float, fit: Float64) -> float:
+    """Return the variance of a pseudorange's residual after ``fit`` over that of the row, 1 -+ g D g^T / r.
+
+    A row that stands out is not in the fit (``fit_freely``).
+    """
+    r = line.variance[PSEUDORANGE]
+    explained = explained_variance(line, PSEUDORANGE, fit) / r
+    if residual * residual > OUTLIER2 * r:
+        return float(1.0 + explained)
+    return float(max(1.0 - explained, LEAST_REDUNDANCY))
+
+
+@kernel(inline=True)
+def carry_range_means(mean: Float64, value: float, scaled: float, now: float) -> None:
+    """Update the means of a pseudorange's residual; ``scaled`` has the variance r of a single row."""
     since = now - mean[RANGE_S]
     mean[RANGE_S] = now
     if not 0.0 <= since <= FORGOTTEN_S:
-        mean[FAST], mean[SLOW], mean[REFLECTION] = value, value, whole
+        mean[FAST], mean[SLOW] = value, value
+        mean[REFLECTION], mean[REFLECTION_VARIANCE] = scaled, 1.0
         return
     fast = 1.0 - math.exp(-since / _FAST_MEAN_S)
     mean[FAST] += fast * (value - mean[FAST])
-    mean[REFLECTION] += fast * (whole - mean[REFLECTION])
+    mean[REFLECTION] += fast * (scaled - mean[REFLECTION])
+    mean[REFLECTION_VARIANCE] = (1.0 - fast) ** 2 * mean[REFLECTION_VARIANCE] + fast * fast
     mean[SLOW] += (1.0 - math.exp(-since / _SLOW_MEAN_S)) * (value - mean[SLOW])

@@ -29,8 +29,18 @@ from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
 from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
-from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, N_OWN, N_PATTERNS, OFFSETS, Bank, SlowErrors
-from insgnss.filter.update.reflections import place_reflections
+from insgnss.filter.state import (
+    CLOCK,
+    CLONE_CLOCK,
+    DR,
+    N_CLONE,
+    N_OF_SATELLITE,
+    N_PATTERNS,
+    OFFSETS,
+    Bank,
+    SlowErrors,
+)
+from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
@@ -71,7 +81,7 @@ def follow_slow_errors(
     if member != bank.head[0].leader or bank.head[0].n_slow == 0:
         return
     n, held, first = bank.head[0].n_slow, par.held[: par.n_held], rows.first[epoch]
-    place_reflections(bank.memory[member], par, rows, epoch, s.lines)
+    write_reflections(bank.memory[member], par, rows, epoch, s.lines)
     if bank.head[0].from_fix == 1:
         bank.head[0].from_fix, since_last = 0, 0.0  # the fix is the epoch's
         place_effects_of_fix(bank.slow, n, held, rows, epoch, s.lines)
@@ -93,7 +103,7 @@ def follow_slow_errors(
                 for i in range(N_PATTERNS):
                     add_scaled(A[i], line.load[i], left)
                 if line.bias > 0:
-                    for i in range(own_error(line, 0), own_error(line, N_OWN)):
+                    for i in range(error_of_satellite(line, 0), error_of_satellite(line, N_OF_SATELLITE)):
                         add_scaled(A[i], load_of(line, row, i), left)
             for a in range(line.count[kind]):
                 if place[line.columns[kind, a]] >= 0:
@@ -165,11 +175,11 @@ def place_slow_variances(
 ) -> None:
     """Write what the slow errors add to the variance of each pseudorange's innovation: |a - h S|^2 + h R h^T.
 
-    What the state has taken of an error already is not in the innovation any more. A reflection itself, |a|^2, is in
-    the row's own variance already.
+    What the state has taken of an error already is not in the innovation any more. A reflection of up to a sigma of the
+    row is in its own variance already.
     """
     first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
-    place_reflections(bank.memory[member], par, rows, epoch, lines)
+    write_reflections(bank.memory[member], par, rows, epoch, lines)
     for j in range(rows.first[epoch + 1] - first):
         line, row = lines[j], rows.observation[first + j]
         line.slow, line.astray = 0.0, 0.0
@@ -177,14 +187,14 @@ def place_slow_variances(
             continue
         place_loads(par, row, line)
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
-        line.astray = predicted_variance(bank.slow.R, h, columns) - line.reflected**2
+        line.astray = predicted_variance(bank.slow.R, h, columns)
         for i in range(n):
             left = not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
             if is_reflection(i):
-                line.astray += left
+                known = min(load_of(line, row, i) ** 2, line.variance[PSEUDORANGE])
+                line.astray += max(left - known, 0.0)
             else:
                 line.slow += left
-        line.astray = max(line.astray, 0.0)
 
 
 @kernel(inline=True)
@@ -192,21 +202,21 @@ def load_of(line: Line, row: Observation, i: int) -> float:
     """Return the effect of one sigma of a slow error on a pseudorange [m]."""
     if i < N_PATTERNS:
         return float(line.load[i])
-    if not own_error(line, 0) <= i < own_error(line, N_OWN):
+    if not error_of_satellite(line, 0) <= i < error_of_satellite(line, N_OF_SATELLITE):
         return 0.0
-    return float(line.reflected if is_reflection(i) else row.bias_sigma)
+    return float(line.reflection if is_reflection(i) else row.bias_sigma)
 
 
 @kernel(inline=True)
-def own_error(line: Line, own: int) -> int:
+def error_of_satellite(line: Line, own: int) -> int:
     """Return which slow error is number ``own`` of a line's satellite."""
-    return N_PATTERNS + N_OWN * (line.bias - 1) + own
+    return N_PATTERNS + N_OF_SATELLITE * (line.bias - 1) + own
 
 
 @kernel(inline=True)
 def is_reflection(i: int) -> bool:
     """Return whether a slow error is a satellite's reflection, which comes after its message's error."""
-    return i >= N_PATTERNS and (i - N_PATTERNS) % N_OWN == N_OWN - 1
+    return i >= N_PATTERNS and (i - N_PATTERNS) % N_OF_SATELLITE == N_OF_SATELLITE - 1
 
 
 @kernel(inline=True)
