@@ -143,6 +143,9 @@ def test_what_the_state_has_taken_is_in_the_variance_of_an_innovation() -> None:
         taken = row @ bank.slow.R @ row + np.maximum(left - of_row, 0.0)[reflected].sum()
         assert s.lines["slow"][j] == pytest.approx(left[~reflected].sum())
         assert s.lines["astray"][j] == pytest.approx(taken)
+    several = bank._replace(state=np.repeat(bank.state, 2))
+    place_slow_variances(several, 0, par, log, 0, s.lines)
+    assert not s.lines["astray"].any()
 
 
 def test_own_row_corrects_as_a_row_without_errors() -> None:

@@ -8,9 +8,9 @@ is the satellite's own residual e against the others (``integrity``),
 
 with v r the variance that noise gives the mean: means below two of its sigmas are ignored. b, with the sign of m, is
 the size of a slow error of the satellite (``slow_errors``), forgotten within ``adaptation.reflection_time_s``. So the
-gains stay as they are, and sd_* and the gates include the position error that reflections cause. The time matters
-little: 30 and 300 s give the same errors over sigma in a city within 5 %. Where the ranges of four in ten satellites
-are off by 10 m rms for a minute, the position's error over sigma is 2.2 (rms); without it 6 to 10.
+gains stay as they are, and sd_* and, with one heading, the gates include the position error that reflections cause. The
+time matters little: 30 and 300 s give the same errors over sigma in a city within 5 %. Where the ranges of four in ten
+satellites are off by 10 m rms for a minute, the position's error over sigma is 2.2 (rms); without it 6 to 10.
 
 Needs five pseudoranges that agree, and slow errors that are followed. Neglects: of one satellite that is off among few,
 the residuals show a part only.

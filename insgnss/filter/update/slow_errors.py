@@ -176,7 +176,7 @@ def place_slow_variances(
     """Write what the slow errors add to the variance of each pseudorange's innovation: |a - h S|^2 + h R h^T.
 
     What the state has taken of an error already is not in the innovation any more. A reflection of up to a sigma of the
-    row is in its own variance already.
+    row is in its own variance already. While several headings are open, what the state has taken widens no gate.
     """
     first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
     write_reflections(bank.memory[member], par, rows, epoch, lines)
@@ -195,6 +195,8 @@ def place_slow_variances(
                 line.astray += max(left - known, 0.0)
             else:
                 line.slow += left
+        if bank.state.shape[0] > 1:  # what contradicts a wrong heading must not pass for its sake
+            line.astray = 0.0
 
 
 @kernel(inline=True)
