@@ -8,17 +8,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
+from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
 from insgnss.filter.state import N_MEMORY
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.gnss.observation_rows import PSEUDORANGE
+from insgnss.log.flight import FlightInMemory
+from insgnss.runs.engine import Engine
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
+from tests.filter.test_engine import no_delay, stream
 from tests.runs.scenes import flight, turns, with_faults
 
 POSITION = ["n_m", "e_m", "d_m"]
@@ -38,11 +44,16 @@ def steady(size_m: float, share: float) -> Disturbance:
     return disturbance
 
 
-def flown(size_m: float, share: float, seed: int, time_s: float) -> Run:
-    """Return a minute of turns under such a sky, with the slow errors of message and air next to nothing."""
+def disturbed(size_m: float, share: float, seed: int) -> FlightInMemory:
+    """Return a minute of turns under such a sky."""
     base = with_faults(turns(60.0))
     receiver = replace(base.scenario.receiver, disturbances=(steady(size_m, share),))
     base.scenario = replace(base.scenario, receiver=receiver)
+    return flight(base, seed=seed)
+
+
+def tight17(time_s: float) -> FilterConfig:
+    """Return the library's filter, with the slow errors of message and air next to nothing."""
     sizes = {
         "adaptation.reflection_time_s": time_s,
         "slow_errors.satellite_m": {"G": 0.01},
@@ -50,7 +61,11 @@ def flown(size_m: float, share: float, seed: int, time_s: float) -> Run:
         "slow_errors.no_ionosphere_zenith_m": 0.0,
         "slow_errors.troposphere_zenith_m": 0.0,
     }
-    return replay(flight(base, seed=seed), filter_config("tight17", sizes))
+    return filter_config("tight17", sizes)
+
+
+def flown(size_m: float, share: float, seed: int, time_s: float) -> Run:
+    return replay(disturbed(size_m, share, seed), tight17(time_s))
 
 
 def squares(size_m: float, share: float, time_s: float) -> Float64:
@@ -70,6 +85,18 @@ def test_reflections_of_four_in_ten_are_in_the_sigma() -> None:
     with_them, without = squares(10.0, 0.4, 30.0), squares(10.0, 0.4, 0.0)
     assert (with_them < 8.0).all(), with_them
     assert (without > 4.0 * with_them).all(), without
+
+
+def test_engine_gives_the_sigmas_of_replay_with_reflections() -> None:
+    made, config = disturbed(10.0, 0.4, FIRST_SEED), tight17(30.0)
+    logs = made.read()
+    engine = Engine(setup_filter(made, logs, config))
+    stream(engine, logs, no_delay())
+    results = engine.take_results(all_of_them=True)
+    live = np.array([result.out.nav[0]["slow"] for result in results if result.out.counts[0].nav == 1])
+    replayed = replay(made, config).nav[list(SLOW_COLUMNS)]
+    assert (replayed.max() > 2.0).all()  # m: reflections of 10 m, that would be 0.01 m without
+    np.testing.assert_allclose(np.sqrt(live[:, [0, 3, 5]]), replayed, rtol=1e-6, atol=1e-9)
 
 
 def test_white_noise_has_no_reflections() -> None:
