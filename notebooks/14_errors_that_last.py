@@ -76,7 +76,7 @@ NOTHING = {
     "no_ionosphere_zenith_m": 0.0,
 }
 CASES = {
-    "not told": {"slow_errors": NOTHING},
+    "not told": {"slow_errors": NOTHING, "adaptation.reflection_time_s": 0.0},
     "followed": {},
     "states": {"process.range_bias_states": True},
 }
