@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.result import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
+from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import Fault, NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reference import reference_table
@@ -149,6 +151,14 @@ def flight(
         input_hashes={},
     )
     return FlightInMemory(Path("flight.toml"), config, grade, scenario.oscillator, logs)
+
+
+def disturbed(disturbance: Disturbance, seed: int = 3, **logs: Any) -> FlightInMemory:
+    """Return a minute of turns with satellites or air disturbed."""
+    base = with_faults(turns(60.0))
+    receiver = replace(base.scenario.receiver, disturbances=(disturbance,))
+    base.scenario = replace(base.scenario, receiver=receiver)
+    return flight(base, seed=seed, **logs)
 
 
 def true_start(base: Simulator, at_s: float) -> GivenStart:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,7 +14,6 @@ from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.gnss.observation_rows import PSEUDORANGE
-from insgnss.log.flight import FlightInMemory
 from insgnss.runs.engine import Engine
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
@@ -25,7 +22,7 @@ from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 from tests.filter.test_engine import no_delay, stream
-from tests.runs.scenes import flight, turns, with_faults
+from tests.runs.scenes import disturbed
 
 POSITION = ["n_m", "e_m", "d_m"]
 N_FLIGHTS = 8
@@ -44,14 +41,6 @@ def steady(size_m: float, share: float) -> Disturbance:
     return disturbance
 
 
-def disturbed(size_m: float, share: float, seed: int) -> FlightInMemory:
-    """Return a minute of turns under such a sky."""
-    base = with_faults(turns(60.0))
-    receiver = replace(base.scenario.receiver, disturbances=(steady(size_m, share),))
-    base.scenario = replace(base.scenario, receiver=receiver)
-    return flight(base, seed=seed)
-
-
 def tight17(time_s: float) -> FilterConfig:
     """Return the library's filter, with the slow errors of message and air next to nothing."""
     sizes = {
@@ -65,7 +54,7 @@ def tight17(time_s: float) -> FilterConfig:
 
 
 def flown(size_m: float, share: float, seed: int, time_s: float) -> Run:
-    return replay(disturbed(size_m, share, seed), tight17(time_s))
+    return replay(disturbed(steady(size_m, share), seed), tight17(time_s))
 
 
 def squares(size_m: float, share: float, time_s: float) -> Float64:
@@ -88,7 +77,7 @@ def test_reflections_of_four_in_ten_are_in_the_sigma() -> None:
 
 
 def test_engine_gives_the_sigmas_of_replay_with_reflections() -> None:
-    made, config = disturbed(10.0, 0.4, FIRST_SEED), tight17(30.0)
+    made, config = disturbed(steady(10.0, 0.4), FIRST_SEED), tight17(30.0)
     logs = made.read()
     engine = Engine(setup_filter(made, logs, config))
     stream(engine, logs, no_delay())

@@ -14,7 +14,6 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.config.slow_errors import NO_SLOW_ERRORS, SlowErrorSizes
 from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
-from insgnss.log.flight import FlightInMemory
 from insgnss.runs.engine import Engine
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
@@ -23,7 +22,7 @@ from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.simulation.signal_errors import MessageErrors
 from insgnss.tables import PreciseProducts
 from tests.filter.test_engine import no_delay, stream
-from tests.runs.scenes import flight, rows_where, turns, with_faults
+from tests.runs.scenes import disturbed, flight, rows_where, turns
 from tests.statistics_bounds import mean_chi_square_bounds
 
 SHELL = 6_378_137.0 / (6_378_137.0 + 350_000.0)
@@ -37,14 +36,6 @@ def tight17(**sizes: Any) -> FilterConfig:
     """Return the library's filter with slow errors of these sizes alone."""
     config = filter_config("tight17", {"adaptation.reflection_time_s": 0.0})
     return config.model_copy(update={"slow_errors": NO_SLOW_ERRORS.model_copy(update=sizes)})
-
-
-def disturbed(disturbance: Disturbance, seed: int = 3, **logs: Any) -> FlightInMemory:
-    """Return a minute of turns with satellites or air disturbed."""
-    base = with_faults(turns(60.0))
-    receiver = replace(base.scenario.receiver, disturbances=(disturbance,))
-    base.scenario = replace(base.scenario, receiver=receiver)
-    return flight(base, seed=seed, **logs)
 
 
 def flown(disturbance: Disturbance, config: FilterConfig, seed: int = 3) -> Run:

@@ -29,9 +29,7 @@ class Line(Record):
     load: Annotated[
         Float64, N_PATTERNS
     ]  # effect of one sigma of the sky's slow errors on the pseudorange [m]
-    reflection: (
-        float  # by how much its pseudoranges have been off for seconds [m], with its sign (``reflections``)
-    )
+    reflection: float  # by how much its pseudoranges have been off for seconds [m], signed (``reflections``)
     slow: float  # variance that the slow errors of message and air add to its innovation [m^2]
     astray: float  # the same of the state's error by reflections and by earlier slow errors [m^2]
     extra: float  # what its satellite's own noise adds to its range rate's variance (``satellite_noise``)

@@ -14,7 +14,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
 from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, LEVEL_EPOCHS, StateRecord
-from insgnss.filter.update.consistency import LEAST_REDUNDANCY, few_are_wrong
+from insgnss.filter.update.consistency import few_are_wrong, residual_variance
 from insgnss.filter.update.gating import slow_variance, whole_variance
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
@@ -64,7 +64,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float, levelled:
             continue
         rest = line.innovation[kind] - explained_by(line, kind, fit)
         left = explained_variance(line, kind, fit)
-        square = rest * rest / max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
+        square = rest * rest / residual_variance(line.variance[kind], left)
         own = max(1.0 - left / line.variance[kind], 0.0)
         weight = usual_variance(line, kind) / line.variance[kind]
         total += weight * (own * min(square, _LARGEST_RATIO) / expected + 1.0 - own)
@@ -128,7 +128,7 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
             if turn == 1:
                 rest -= explained_by(line, kind, fit)
                 left = explained_variance(line, kind, fit)
-                own = max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
+                own = residual_variance(line.variance[kind], left)
                 own += slow_variance(line, kind)
             values[n] = rest * rest / own
             n += 1

@@ -44,9 +44,15 @@ def disagrees(P: Float64, lines: Lines, kind: int, correction: Float64, gate2: f
         r = line.variance[kind]
         # most rows are far from the gate, whatever their redundancy
         if residual * residual > gate2 * LEAST_REDUNDANCY * r:
-            variance = max(r - predicted_variance(P, h, columns) / spread, LEAST_REDUNDANCY * r)
+            variance = residual_variance(r, predicted_variance(P, h, columns) / spread)
             beyond = beyond or residual * residual > gate2 * variance
     return beyond
+
+
+@kernel(inline=True)
+def residual_variance(variance: float, explained: float) -> float:
+    """Return the variance of a residual: what a row's own has beyond what is explained, a tenth of it at least."""
+    return max(variance - explained, LEAST_REDUNDANCY * variance)
 
 
 @kernel(apart=True)

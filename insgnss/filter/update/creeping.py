@@ -25,11 +25,11 @@ from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.rows.usual_variance import usual_variance
 from insgnss.filter.state import StateRecord
 from insgnss.filter.update.consistency import (
-    LEAST_REDUNDANCY,
     LEAST_WITNESSES,
     exchange,
     farthest,
     remove_smallest_set,
+    residual_variance,
 )
 from insgnss.filter.update.integrity import (
     INTERVAL_NS,
@@ -90,7 +90,7 @@ def follow_satellites(
     """
     if par.drift_gate <= 0.0 and par.reflection_rate <= 0.0:
         return False
-    now = t_ns * 1e-9
+    now, gate2 = t_ns * 1e-9, par.drift_gate**2
     refused = False
     if t_ns - m.explained_ns >= INTERVAL_NS:
         for kind in range(2):
@@ -99,10 +99,8 @@ def follow_satellites(
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
-            if par.drift_gate > 0.0 and stands_out(
-                memory, lines, observation, kind, now, fit, par.drift_gate**2
-            ):
-                anew, gate2 = kind == RANGE_RATE, par.drift_gate**2
+            if gate2 > 0.0 and stands_out(memory, lines, observation, kind, now, fit, gate2):
+                anew = kind == RANGE_RATE
                 found = find_creeping(memory, lines, observation, kind, now, gate2, anew)
                 if found == 0 and anew:
                     found = find_creeping(memory, lines, observation, kind, now, gate2, False)
@@ -201,7 +199,7 @@ def stands_out(
             rest = value - explained_by(lines[j], kind, fit)
             explained = explained_variance(lines[j], kind, fit)
             if not mean[LEFT_OUT_S] > now:
-                own = max(variance - explained, LEAST_REDUNDANCY * variance)
+                own = residual_variance(variance, explained)
                 beyond = beyond or rest * rest > gate2 * own
             elif kind == RANGE_RATE:
                 own = variance + explained

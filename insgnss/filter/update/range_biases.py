@@ -38,14 +38,18 @@ def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, 
                         forget_state(bank, par.at_range_biases + i)
                     else:
                         for own in range(N_OF_SATELLITE):
-                            forget_effect(
-                                bank.slow, N_PATTERNS + N_OF_SATELLITE * i + own, par.held[: par.n_held]
-                            )
+                            forget_effect(bank.slow, error_at(i, own), par.held[: par.n_held])
             if i >= 0:
                 head.biased[i], head.biased_ns[i] = name, t_ns
                 lines[j].bias = i + 1
                 if not states:
-                    head.n_slow = max(head.n_slow, N_PATTERNS + N_OF_SATELLITE * (i + 1))
+                    head.n_slow = max(head.n_slow, error_at(i + 1, 0))
+
+
+@kernel(inline=True)
+def error_at(place: int, own: int) -> int:
+    """Return which slow error is number ``own`` of the satellite at a place."""
+    return N_PATTERNS + N_OF_SATELLITE * place + own
 
 
 @kernel(inline=True)

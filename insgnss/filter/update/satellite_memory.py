@@ -7,7 +7,7 @@ from typing import Final
 
 from insgnss.filter.rows.lines import Line
 from insgnss.filter.rows.usual_variance import usual_variance
-from insgnss.filter.update.consistency import LEAST_REDUNDANCY
+from insgnss.filter.update.consistency import residual_variance
 from insgnss.filter.update.integrity import OUTLIER2, explained_by, explained_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.kernels.jit import kernel
@@ -73,7 +73,7 @@ def shown_share(line: Line, residual: float, fit: Float64) -> float:
     explained = explained_variance(line, PSEUDORANGE, fit) / r
     if residual * residual > OUTLIER2 * r:
         return float(1.0 + explained)
-    return float(max(1.0 - explained, LEAST_REDUNDANCY))
+    return residual_variance(1.0, explained)
 
 
 @kernel(inline=True)

@@ -24,7 +24,7 @@ from typing import Final
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.rows.usual_variance import usual_variance
-from insgnss.filter.update.consistency import LEAST_REDUNDANCY, refuse_inconsistent
+from insgnss.filter.update.consistency import refuse_inconsistent, residual_variance
 from insgnss.filter.update.creeping import LEAST_AGREEING
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance
 from insgnss.filter.update.satellite_memory import SQUARE, SQUARE_S
@@ -135,4 +135,4 @@ def shown_square(line: Line, fit: Float64) -> float:
     """Return q of a used row: its squared residual after ``fit`` over the variance that it has at the level of all."""
     left = explained_variance(line, RANGE_RATE, fit) / line.variance[RANGE_RATE]
     rest = line.innovation[RANGE_RATE] - explained_by(line, RANGE_RATE, fit)
-    return float(rest * rest / (max(1.0 - left, LEAST_REDUNDANCY) * usual_variance(line, RANGE_RATE)))
+    return float(rest * rest / (residual_variance(1.0, left) * usual_variance(line, RANGE_RATE)))

@@ -40,6 +40,7 @@ from insgnss.filter.state import (
     Bank,
     SlowErrors,
 )
+from insgnss.filter.update.range_biases import error_at
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
@@ -103,7 +104,7 @@ def follow_slow_errors(
                 for i in range(N_PATTERNS):
                     add_scaled(A[i], line.load[i], left)
                 if line.bias > 0:
-                    for i in range(error_of_satellite(line, 0), error_of_satellite(line, N_OF_SATELLITE)):
+                    for i in range(error_at(line.bias - 1, 0), error_at(line.bias, 0)):
                         add_scaled(A[i], load_of(line, row, i), left)
             for a in range(line.count[kind]):
                 if place[line.columns[kind, a]] >= 0:
@@ -179,6 +180,7 @@ def place_slow_variances(
     row is in its own variance already. While several headings are open, what the state has taken widens no gate.
     """
     first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
+    one_heading = bank.state.shape[0] == 1
     write_reflections(bank.memory[member], par, rows, epoch, lines)
     for j in range(rows.first[epoch + 1] - first):
         line, row = lines[j], rows.observation[first + j]
@@ -187,16 +189,16 @@ def place_slow_variances(
             continue
         place_loads(par, row, line)
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
-        line.astray = predicted_variance(bank.slow.R, h, columns)
         for i in range(n):
-            left = not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
-            if is_reflection(i):
-                known = min(load_of(line, row, i) ** 2, line.variance[PSEUDORANGE])
-                line.astray += max(left - known, 0.0)
-            else:
-                line.slow += left
-        if bank.state.shape[0] > 1:  # what contradicts a wrong heading must not pass for its sake
-            line.astray = 0.0
+            if not is_reflection(i):
+                line.slow += not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
+        if one_heading:  # else what contradicts a wrong one would pass for its sake
+            line.astray = predicted_variance(bank.slow.R, h, columns)
+            for i in range(n):
+                if is_reflection(i):
+                    load = load_of(line, row, i)
+                    known = min(load * load, line.variance[PSEUDORANGE])
+                    line.astray += max(not_taken(S[i], h, columns, load) ** 2 - known, 0.0)
 
 
 @kernel(inline=True)
@@ -204,15 +206,9 @@ def load_of(line: Line, row: Observation, i: int) -> float:
     """Return the effect of one sigma of a slow error on a pseudorange [m]."""
     if i < N_PATTERNS:
         return float(line.load[i])
-    if not error_of_satellite(line, 0) <= i < error_of_satellite(line, N_OF_SATELLITE):
+    if not error_at(line.bias - 1, 0) <= i < error_at(line.bias, 0):
         return 0.0
     return float(line.reflection if is_reflection(i) else row.bias_sigma)
-
-
-@kernel(inline=True)
-def error_of_satellite(line: Line, own: int) -> int:
-    """Return which slow error is number ``own`` of a line's satellite."""
-    return N_PATTERNS + N_OF_SATELLITE * (line.bias - 1) + own
 
 
 @kernel(inline=True)
