@@ -111,7 +111,7 @@ def newest_sample(head: HeadRecord, imu: ImuSamples, t_ns: int) -> int:
     return whole_ns
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def write_between(
     bank: Bank, t_ns: int, imu: ImuSamples, par: Parameters, out: Output, work: FilterWorkspace
 ) -> None:
@@ -265,7 +265,7 @@ def run_to(
         write_between(bank, stop_ns, imu, par, out, work)
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def update_bank(
     bank: Bank,
     epoch: int,

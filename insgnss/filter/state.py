@@ -199,7 +199,7 @@ def no_slow_errors(n: int) -> SlowErrors:
     return SlowErrors(np.zeros((MAX_SLOW, n)), np.zeros((n, n)))
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def copy_state(source: StateRecord, target: StateRecord) -> None:
     """Copy one state, field by field: the compiler takes a record for its bytes, and copies them one at a time."""
     for i in range(3):

@@ -150,10 +150,11 @@ def kernel(function: _F | None = None, /, *, inline: bool = False, apart: bool =
     ----------
     inline : weave it into its callers; for a short kernel of one or two. A kernel of its own costs a fifth of a second
         to compile, because each becomes a module that every caller links and optimises again; woven in, a short one
-        costs nothing of that and runs a little faster. The time to find the types grows with the square of what is
-        woven together. Called from Python it is an ordinary kernel
-    apart : let its callers reach it by its address (``numba_parts.Apart``); for a kernel of some length that is called
-        seldom: a call costs a few nanoseconds. What it returns must be annotated with numbers or tuples of numbers
+        costs nothing of that and runs a little faster. To weave and to find the types takes a time that grows with the
+        square of the length: woven in, the 60 lines that predict a row took 7 s. Called from Python it is an ordinary
+        kernel
+    apart : let its callers reach it by its address (``numba_parts.Apart``); for a kernel of some length: a call costs
+        a few nanoseconds. What it returns must be annotated with numbers or tuples of numbers
 
     Raises
     ------

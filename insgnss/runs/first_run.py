@@ -1,7 +1,8 @@
 """Compilation by the first command of an installation, for itself and for later ones.
 
 ``check``, ``point``, ``replay`` and ``simulate`` need what ``insgnss.runs.kernel_list`` names; what only some of their
-options need (masking, the trace, the smoother) is compiled where it is first called.
+options need (masking, the trace, the smoother), and what only some logs do (ranges of one epoch that contradict each
+other, a start far off), is compiled where it is first called.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def headings_wanted(bank: Bank, usual: int, widest: float) -> int:
     return usual if widest_variance(bank, widest) == widest else FINER * usual
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def weigh_headings(bank: Bank, par: Parameters) -> None:
     """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
 

@@ -24,7 +24,7 @@ from insgnss.tables import Float64
 _NO_TURN: Final = 1e-5  # [rad]
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
 

@@ -75,7 +75,7 @@ def refuse_inconsistent(P: Float64, lines: Lines, kind: int, gate2: float) -> in
     return removed
 
 
-@kernel
+@kernel(apart=True)
 def few_are_wrong(P: Float64, lines: Lines, kind: int, gate2: float) -> bool:
     """Return whether the used rows of a kind, but for a third of them at most, agree with each other and the prior."""
     index = np.empty(lines.shape[0], np.int64)
@@ -94,7 +94,7 @@ def used_rows(lines: Lines, kind: int, index: Int64) -> int:
     return n
 
 
-@kernel
+@kernel(apart=True)
 def leave_contradicted(
     P: Float64, lines: Lines, kind: int, index: Int64, active: Int64, gate2: float
 ) -> tuple[int, bool]:
@@ -195,7 +195,7 @@ def own_distance2(T: Float64, j: int) -> float:
     return w2 if w2 < math.inf else -1.0
 
 
-@kernel
+@kernel(apart=True)
 def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> int:
     """Take out the smallest set of rows that leaves all others within the gate; return its size.
 

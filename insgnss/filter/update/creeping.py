@@ -167,7 +167,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
     return mean[RATE], _ALIKE_S / (2.0 * RATE_MEAN_S) * usual_variance(line, kind) + RATE_FLOOR2
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def stands_out(
     memory: Float64,
     lines: Lines,

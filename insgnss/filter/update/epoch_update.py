@@ -183,7 +183,7 @@ def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) 
     P[DRIFT, DRIFT] += drift * since_last
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def use_epoch(
     P: Float64,
     lines: Lines,

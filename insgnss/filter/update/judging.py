@@ -40,7 +40,7 @@ class UpdateOutcome(NamedTuple):
     motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def judge_rows(
     bank: Bank,
     member: int,

@@ -28,7 +28,7 @@ from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: AntennaState) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
@@ -106,7 +106,7 @@ def observe(
                     line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def observe_row(
     m: StateRecord, par: Parameters, rows: GnssRows, i: int, row: Observation, s: EpochWorkspace, line: Line
 ) -> None:

@@ -15,18 +15,17 @@ from insgnss.gnss.least_squares import RANGE, FitRows, fit, free_clocks, workspa
 from insgnss.gnss.observation_rows import mark_repeats
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import broadcast_states, flight_times, no_states, signal_facts
-from insgnss.gnss.point.integrity import (
-    Fits,
-    agree,
-    few_excluded,
-    many_excluded,
-    protection_levels,
-    redundancy,
-    redundancy_room,
-    swaps_fit,
+from insgnss.gnss.point.integrity import Fits, agree, protection_levels, redundancy, redundancy_room
+from insgnss.gnss.point.log import (
+    PointFit,
+    fit_position,
+    new_room,
+    see_rows,
+    solve_epochs,
+    solve_position,
+    solve_velocity,
+    write_rows,
 )
-from insgnss.gnss.point.log import PointFit, fit_position, new_room, see_rows, solve_epochs, write_rows
-from insgnss.gnss.point.robust_fit import polish, search
 from insgnss.gnss.point.rows import PointRows, PointSettings, new_point_log
 from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.kernels.compiled_ahead import ANY_N, ANY_X
@@ -34,7 +33,10 @@ from insgnss.tables import EphemerisTable, GnssTable
 
 
 def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
-    """Return the kernels, the longest to compile first."""
+    """Return the kernels, the longest to compile first.
+
+    The search for wrong rows is not among them: a log whose rows agree does without.
+    """
     ties, x, P, u_n, use = (
         free_clocks(1),
         np.zeros(4),
@@ -52,16 +54,13 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), PointFit(use, x, P)
     return {
         solve_epochs: (rows, settings, limits, out),
-        search: (one, use, x, fits.work, x, P, use),
+        solve_position: (rows, settings, ANY_N, ANY_N, room, fits, found, out),
+        solve_velocity: (settings, ANY_N, x, room, fits, found, out),
         broadcast_states: _no_satellites(),
         write_rows: (rows, settings, ANY_N, ANY_N, found, room, fits, out),
         fit_position: (rows, settings, ANY_N, ANY_N, room, fits, found, u_n),
-        polish: (one, use, x, P, fits.work, use),
         fit: (one, use, x, fits.work),
         agree: (one, use, x, x, P, fits),
-        many_excluded: (one, use, ANY_N, x, x, P, fits),
-        few_excluded: (one, use, ANY_N, x, P, fits),
-        swaps_fit: (one, use, use, x, ANY_X, ANY_X, fits),
         see_rows: (rows, settings, ANY_N, x, ANY_N, room, u_n),
         dilution: (one, use, x, P, fits.work, P, x),
         redundancy: (one, use, x, P, fits.work, fits.room),

@@ -263,8 +263,8 @@ def _write(e: int, position: PointFit, velocity: PointFit, out: PointLog) -> Non
             out.P_v[e, a, c] = velocity.P[a, c] + 0.0 * velocity.x[0]
 
 
-@kernel
-def _solve_position(
+@kernel(apart=True)
+def solve_position(
     rows: PointRows,
     settings: PointSettings,
     e: int,
@@ -297,8 +297,8 @@ def _solve_position(
     return verdict
 
 
-@kernel
-def _solve_velocity(
+@kernel(apart=True)
+def solve_velocity(
     settings: PointSettings,
     e: int,
     r_e: Float64,
@@ -341,9 +341,9 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
         k = _gather(rows, e, room)
         position = PointFit(np.zeros(k, np.bool_), np.full(p, math.nan), np.zeros((p, p)))
         velocity = PointFit(np.zeros(k, np.bool_), np.full(4, math.nan), np.full((4, 4), math.nan))
-        out.verdict[e, 0] = _solve_position(rows, settings, e, k, room, fits, position, out)
+        out.verdict[e, 0] = solve_position(rows, settings, e, k, room, fits, position, out)
         if not math.isnan(position.x[0]):
-            out.verdict[e, 1] = _solve_velocity(settings, e, position.x, room, rate_fits, velocity, out)
+            out.verdict[e, 1] = solve_velocity(settings, e, position.x, room, rate_fits, velocity, out)
             _write(e, position, velocity, out)
         write_rows(rows, settings, e, 0, position, room, fits, out)
         write_rows(rows, settings, e, 1, velocity, room, rate_fits, out)
