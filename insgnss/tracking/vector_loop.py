@@ -198,7 +198,7 @@ def angle_range(channels: ChannelConstants, prompt: complex) -> float:
     return -phase_output(_ATAN2 if is_of_pilot(channels) else _ATAN, prompt) / channels.radians_per_m
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def observe_channel(
     channels: ChannelConstants, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
 ) -> None:

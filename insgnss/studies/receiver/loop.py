@@ -152,7 +152,7 @@ def run_receiver(
         room.done[0] = step + 1
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unknown: Float64) -> None:
     """Carry the filter on by one integration."""
     m, rates = f.state[0], f.scratch.rates[0]
@@ -197,7 +197,7 @@ def set_offsets(
     room.offset[OFFSET_RATE] = arriving.rates[k, c] - estimate[1] - led[1]
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def take_observation(
     receiver: ReceiverDesign,
     channels: ChannelConstants,
@@ -295,7 +295,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
         room.x[c, i] += room.v[0, i]
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with its channels' measurements; the intervals' sums restart."""
     for c in range(room.x.shape[0]):
@@ -318,7 +318,7 @@ def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: C
                 use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
     """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
     x, P = room.x[c], room.P[c]
@@ -352,7 +352,7 @@ def count_offset(
         found.squares[c, 1] += offset[1] * offset[1]
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def record(
     receiver: ReceiverDesign,
     arriving: SignalArrivals,

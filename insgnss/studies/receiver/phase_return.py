@@ -73,7 +73,7 @@ def count_from_nearest(channels: ChannelConstants, room: ChannelRoom, c: int) ->
     room.offset[OFFSET_RANGE] -= turns * step
 
 
-@kernel(inline=True)
+@kernel(apart=True)
 def pull_in(
     receiver: ReceiverDesign,
     channels: ChannelConstants,
