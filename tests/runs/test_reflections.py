@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
-from insgnss.filter.state import N_MEMORY
-from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.reflections import write_reflections
-from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
-from insgnss.gnss.observation_rows import PSEUDORANGE
 from insgnss.runs.engine import Engine
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.tables import Float64
-from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 from tests.filter.test_engine import no_delay, stream
 from tests.runs.scenes import disturbed
 
@@ -99,33 +92,3 @@ def test_white_noise_has_no_reflections() -> None:
     pd.testing.assert_frame_equal(with_them[same], without[same], check_exact=True)
     for axis in POSITION:
         assert 1.0 <= with_them[f"sd_{axis}"].iloc[-1] / without[f"sd_{axis}"].iloc[-1] < 1.1
-
-
-@pytest.mark.parametrize(
-    ("mean_m", "since_s", "time_s", "expected_m"),
-    [
-        (5.0, 1.0, 30.0, np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
-        (-5.0, 1.0, 30.0, -np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
-        (1.8, 1.0, 30.0, 0.0),  # less than chance leaves of noise with a sigma of 3 m
-        (5.0, FORGOTTEN_S + 0.1, 30.0, 0.0),
-        (-np.inf, 1.0, 30.0, 0.0),
-        (5.0, 1.0, 0.0, 0.0),
-    ],
-    ids=("off", "short", "chance", "unseen", "new", "not followed"),
-)
-def test_size_is_what_the_residuals_have_beyond_chance(
-    mean_m: float, since_s: float, time_s: float, expected_m: float
-) -> None:
-    par = parameters(reflection_rate=1.0 / time_s if time_s else 0.0)[0]
-    log = perfect_rows(new_filter(place(), offsets=()), parameters(), [START_NS], sky(place()))
-    lines = new_epoch(len(log.sat), 20).lines
-    lines["variance"][:, PSEUDORANGE], lines["bias"] = 9.0, 1 + np.arange(len(lines))
-    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
-    if np.isfinite(mean_m):
-        memory[:, RANGE_S], memory[:, REFLECTION] = START_NS * 1e-9 - since_s, mean_m
-        memory[:, REFLECTION_VARIANCE] = 0.1
-    write_reflections(memory, par, log, 0, lines)
-    np.testing.assert_allclose(lines["reflection"], expected_m)
-    lines["bias"] = 0  # more satellites than places
-    write_reflections(memory, par, log, 0, lines)
-    assert not lines["reflection"].any()

@@ -1,0 +1,80 @@
+"""The size of a satellite's reflection, and which slow errors it and a second band of the satellite have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.state import CLOCK, DR, N_MEMORY, N_OF_SATELLITE, N_PATTERNS
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.reflections import write_reflections
+from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
+from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE
+from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
+
+
+@pytest.mark.parametrize(
+    ("mean_m", "since_s", "time_s", "expected_m"),
+    [
+        (5.0, 1.0, 30.0, np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
+        (-5.0, 1.0, 30.0, -np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
+        (1.8, 1.0, 30.0, 0.0),  # less than chance leaves of noise with a sigma of 3 m
+        (5.0, FORGOTTEN_S + 0.1, 30.0, 0.0),
+        (-np.inf, 1.0, 30.0, 0.0),
+        (5.0, 1.0, 0.0, 0.0),
+    ],
+    ids=("off", "short", "chance", "unseen", "new", "not followed"),
+)
+def test_size_is_what_the_residuals_have_beyond_chance(
+    mean_m: float, since_s: float, time_s: float, expected_m: float
+) -> None:
+    par = parameters(reflection_rate=1.0 / time_s if time_s else 0.0)[0]
+    log = perfect_rows(new_filter(place(), offsets=()), parameters(), [START_NS], sky(place()))
+    lines = new_epoch(len(log.sat), 20).lines
+    lines["variance"][:, PSEUDORANGE], lines["bias"] = 9.0, 1 + np.arange(len(lines))
+    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
+    if np.isfinite(mean_m):
+        memory[:, RANGE_S], memory[:, REFLECTION] = START_NS * 1e-9 - since_s, mean_m
+        memory[:, REFLECTION_VARIANCE] = 0.1
+    write_reflections(memory, par, log, 0, lines)
+    np.testing.assert_allclose(lines["reflection"], expected_m)
+    lines["bias"] = 0  # more satellites than places
+    write_reflections(memory, par, log, 0, lines)
+    assert not lines["reflection"].any()
+
+
+def test_bands_of_a_satellite_have_its_errors_and_each_the_size_of_its_own() -> None:
+    par = parameters(reflection_rate=1.0 / 30.0, n_slow=4)[0]
+    bank = new_filter(place())
+    log = perfect_rows(bank, parameters(), [START_NS], sky(place())[:3])
+    log.observation["slot"] = np.array([5, 9, 5]) * N_BANDS + [0, 0, 1]
+    lines = new_epoch(3, 20).lines
+    place_range_biases(bank, par, log, 0, lines)
+    assert lines["bias"].tolist() == [1, 2, 1]
+    lines["variance"][:, PSEUDORANGE] = 1.0
+    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
+    memory[log.observation["slot"], RANGE_S] = START_NS * 1e-9
+    memory[log.observation["slot"], REFLECTION] = 3.0, 4.0, -5.0
+    memory[log.observation["slot"], REFLECTION_VARIANCE] = 0.0
+    write_reflections(memory, par, log, 0, lines)
+    np.testing.assert_allclose(lines["reflection"], [3.0, 4.0, -5.0])
+
+
+def test_satellite_that_takes_a_place_leaves_both_errors_of_the_one_before_in_the_remainder() -> None:
+    held = np.array([DR, DR + 1, DR + 2, CLOCK])
+    par = parameters(reflection_rate=1.0 / 30.0, n_slow=1, n_held=len(held))[0]
+    par["held"][: len(held)] = held
+    bank = new_filter(place())
+    log = perfect_rows(bank, parameters(), START_NS + np.array([0, NS_PER_S]), sky(place())[:1])
+    log.observation["slot"] = np.array([5, 9]) * N_BANDS
+    lines = new_epoch(1, 20).lines
+    place_range_biases(bank, par, log, 0, lines)
+    of_satellite = slice(N_PATTERNS, N_PATTERNS + N_OF_SATELLITE)
+    bank.slow.S[of_satellite, held] = np.random.default_rng(34).standard_normal((N_OF_SATELLITE, len(held)))
+    effect = bank.slow.S.copy()
+    place_range_biases(bank, par, log, 1, lines)
+    assert lines["bias"][0] == 1 and bank.head["biased"][0, 0] == 10
+    assert not bank.slow.S.any()
+    np.testing.assert_allclose(bank.slow.R, effect.T @ effect, atol=1e-12)
