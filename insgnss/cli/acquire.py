@@ -28,13 +28,17 @@ def acquire(
     skip: Annotated[int, typer.Option("--skip", help="Bytes of a header.")] = 0,
     start: Annotated[float, typer.Option("--start", help="Seconds into the recording.")] = 0.0,
     look: Annotated[int, typer.Option("--look", min=1, max=20, help="Coherent milliseconds.")] = 2,
-    looks: Annotated[int, typer.Option("--looks", min=1, max=1000, help="How many are summed.")] = 20,
+    looks: Annotated[
+        int, typer.Option("--looks", min=1, max=1000, help="Number of looks summed non-coherently.")
+    ] = 20,
     doppler: Annotated[float, typer.Option("--doppler", help="Largest Doppler, Hz.")] = 7000.0,
-    pfa: Annotated[float, typer.Option("--pfa", help="False alarms of one satellite's search.")] = 1e-3,
+    pfa: Annotated[
+        float, typer.Option("--pfa", help="False-alarm probability of one satellite's search.")
+    ] = 1e-3,
     every: Annotated[
         bool,
         typer.Option(
-            "--all", help="Show the satellites too that were not found, or may be another's correlation."
+            "--all", help="Also show satellites not found, and peaks that may be cross-correlations."
         ),
     ] = False,
     as_json: AsJson = False,

@@ -32,9 +32,11 @@ def allan(
         ),
     ] = None,
     first: Annotated[
-        float | None, typer.Option("--from", help="Seconds of the week: the rest begins.")
+        float | None, typer.Option("--from", help="Start of the stationary part, seconds of the week.")
     ] = None,
-    last: Annotated[float | None, typer.Option("--to", help="Seconds of the week: it ends.")] = None,
+    last: Annotated[
+        float | None, typer.Option("--to", help="End of the stationary part, seconds of the week.")
+    ] = None,
     gyro_unit: Annotated[
         str, typer.Option("--gyro-unit", help="Of a CSV log: rad/s, deg/s, rad, deg.")
     ] = "rad/s",

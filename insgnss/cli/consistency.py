@@ -32,7 +32,9 @@ def consistency(
     lags: Annotated[int, typer.Option("--lags", help="Of the autocorrelation, in epochs.")] = 20,
     start: Annotated[
         float | None,
-        typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
+        typer.Option(
+            "--from", help="Start time, seconds of the week; default: when the heading became known."
+        ),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,

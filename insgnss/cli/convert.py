@@ -55,7 +55,7 @@ def convert(
 ) -> None:
     """Read a receiver's files of any format and write CSV, a RINEX navigation file and a first flight file.
 
-    Measurements and inertial samples that lie in two files belong into one call. The receiver's own solution becomes
+    If measurements and inertial samples are in two files, give both in one call. The receiver's own solution becomes
     reference.csv.
     """
     began = time.perf_counter()

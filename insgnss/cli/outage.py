@@ -40,7 +40,7 @@ def outage(
         int | None, typer.Option("--random", help="Number of random windows, not overlapping.")
     ] = None,
     bank: Annotated[
-        float | None, typer.Option("--bank", help="Windows where the roll exceeds so many degrees.")
+        float | None, typer.Option("--bank", help="Windows where the bank angle exceeds this many degrees.")
     ] = None,
     length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of --random.")] = 1,

@@ -31,7 +31,8 @@ def receiver(
     variants: Annotated[
         str,
         typer.Option(
-            "--variants", help="Of scalar, aided, two_stage, optimal, one_stage, one_stage_code; commas."
+            "--variants",
+            help="Comma-separated: scalar, aided, two_stage, optimal, one_stage, one_stage_code.",
         ),
     ] = "scalar,aided,two_stage,optimal,one_stage",
     tracking: Annotated[str, typer.Option("--tracking", help="coherent or noncoherent.")] = "coherent",
@@ -49,13 +50,15 @@ def receiver(
     runs: Annotated[int, typer.Option("--runs", help="Of each receiver and C/N0.")] = 20,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
     duration: Annotated[float, typer.Option("--duration", help="Seconds of a run.")] = 80.0,
-    settle: Annotated[float, typer.Option("--settle", help="Seconds of it that do not count.")] = 40.0,
+    settle: Annotated[
+        float, typer.Option("--settle", help="Initial seconds of a run that are not evaluated.")
+    ] = 40.0,
     step: Annotated[float, typer.Option("--step", help="Seconds of an integration.")] = 5e-3,
     interval: Annotated[
         float, typer.Option("--interval", help="Seconds between two updates of a second stage.")
     ] = 0.1,
     latency: Annotated[
-        float, typer.Option("--latency", help="Seconds until an inertial sample is known.")
+        float, typer.Option("--latency", help="Delay in seconds before an inertial sample is available.")
     ] = 0.0,
     least: Annotated[
         float | None, typer.Option("--least", help="dBHz below which a channel is not used.")

@@ -78,7 +78,7 @@ def rate_of(text: str) -> Literal["gnss", "imu"] | float:
     except ValueError:
         raise ConfigError(f"invalid output rate '{text}'", key="--rate", advice=advice) from None
     if not 0.0 < rate <= 1e5:
-        raise ConfigError(f"a rate of {text} Hz cannot be written", key="--rate", advice=advice)
+        raise ConfigError(f"output rate {text} Hz is out of range", key="--rate", advice=advice)
     return rate
 
 

@@ -23,7 +23,7 @@ def simulate(
     ] = 1,
     clean: Annotated[bool, typer.Option("--clean", help="No noise, no sensor errors; faults stay.")] = False,
     duration: Annotated[
-        float | None, typer.Option("--duration", help="Only the first so many seconds.")
+        float | None, typer.Option("--duration", help="Simulate only this many seconds.")
     ] = None,
     force: Force = False,
     as_json: AsJson = False,

@@ -25,7 +25,9 @@ _WANDER = "Wandering frequency of oscillator and aiding, one-sided density S in 
 
 def track(
     cn0: Annotated[float, typer.Option("--cn0", help="C/N0 in dBHz.")] = 40.0,
-    signal: Annotated[str, typer.Option("--signal", help="'glonass-st' or 'gps-ca-7'.")] = "gps-ca-1",
+    signal: Annotated[
+        str, typer.Option("--signal", help="'glonass-st' or GPS by PRN, as 'gps-ca-7'.")
+    ] = "gps-ca-1",
     bandwidth: Annotated[
         float, typer.Option("--bandwidth", "-b", help="Carrier loop's one-sided noise bandwidth in Hz.")
     ] = 15.0,
@@ -45,12 +47,14 @@ def track(
     jerk: Annotated[float, typer.Option("--jerk", help="Along the line of sight, m/s^3.")] = 0.0,
     wander: Annotated[float, typer.Option("--wander", help=_WANDER)] = 0.0,
     aided: Annotated[
-        bool, typer.Option("--aided", help="Take the motion out, as an inertial system does.")
+        bool, typer.Option("--aided", help="Remove the motion, as perfect inertial aiding would.")
     ] = False,
     seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
     channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
     seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
-    threads: Annotated[int, typer.Option("--threads", help="The numbers do not depend on it.")] = 1,
+    threads: Annotated[
+        int, typer.Option("--threads", help="Number of threads; it does not change the results.")
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate tracking loops: rms errors, lock, and the C/N0 that the receiver would report."""

@@ -33,7 +33,7 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key and equals and value):
             raise ConfigError(
-                f"'{text}' sets nothing",
+                f"'{text}' is not a KEY=VALUE setting",
                 key="--set",
                 advice="write KEY=VALUE, as in gates.pseudorange_sigma=4",
             )

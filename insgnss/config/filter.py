@@ -112,7 +112,7 @@ class Faults(StrictModel):
     """How measurements that are wrong, but pass their gate, are found or made harmless; 0 switches a test off."""
 
     weights: Literal["gate", "huber", "student"] = Field(
-        "gate", description="of rows between good and refused: full up to the gate, or falling before"
+        "gate", description="weight of accepted rows: full up to the gate, or reduced for large innovations"
     )
     huber_k: Positive = Field(1.5, ge=0.1, description="sigmas from which Huber's weight falls as k / |nu|")
     student_freedom: Positive = Field(4.0, ge=0.1, description="degrees of freedom of Student's t")
@@ -157,8 +157,8 @@ class Process(StrictModel):
     )
     motion_sigma: NotNegative = Field(
         0.0,
-        description="a horizontal specific force within so many sigmas of its own noise is not motion, and shows no"
-        " heading; 0: any is, as in the textbook",
+        description="a horizontal specific force below this many sigmas of its noise is not motion and shows no"
+        " heading; 0: every force counts as motion",
     )
     inter_system_sigma_m: Positive = Field(
         3000.0, description="initial sigma of an inter-system clock offset"
@@ -166,8 +166,8 @@ class Process(StrictModel):
     qzss_offset_sigma_m: Positive = Field(
         3.0,
         ge=0.01,
-        description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; a satellite alone keeps"
-        " the worth of a range with so much more noise",
+        description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; the range of a"
+        " single QZSS satellite is then used with this much extra noise",
     )
     inter_system_walk_m_per_sqrt_s: NotNegative = 0.005
     channel_bias_sigma_m: Positive = Field(
@@ -246,10 +246,10 @@ class HealthConfig(StrictModel):
         " or with too few satellites the clock alone",
     )
     strain_nis: Positive = Field(
-        6.0, description="a mean normalised innovation squared (at most the gate's) above it"
+        6.0, description="limit of the mean NIS, each value capped at its gate; see strain_s"
     )
     strain_s: Positive = Field(
-        10.0, description="for that long means the filter is lost though it refuses little"
+        10.0, description="how long the mean NIS must exceed strain_nis before the filter counts as lost"
     )
     recovery: bool = Field(
         True, description="whether the filter may be reset; off: it stays as it is, whatever the rows show"
@@ -289,7 +289,7 @@ class HeadingConfig(StrictModel):
     hypotheses: Annotated[int, Field(ge=1, le=36)] = 12
     unknown_above_deg: Positive = Field(30.0, description="a start with a wider heading sigma opens the bank")
     drop_below: Annotated[float, Field(gt=0.0, lt=0.1)] = Field(
-        1e-6, description="a hypothesis of less weight goes"
+        1e-6, description="heading hypotheses below this weight are dropped"
     )
     known_below_deg: Positive = Field(5.0, description="the heading counts as known below this sigma")
 
@@ -323,10 +323,12 @@ class Visibility(StrictModel):
     threshold_gain_dbic: float = -5.0
     threshold_cn0_dbhz: float = Field(30.0, description="of the predicted C/N0, nominal_cn0_dbhz plus gain")
     nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
-    hysteresis_db: NotNegative = Field(1.0, description="more than that, for a hidden satellite to return")
+    hysteresis_db: NotNegative = Field(
+        1.0, description="excess over the threshold for a hidden satellite to return"
+    )
     margin_sigma: NotNegative = Field(
         3.0,
-        description="of the gain, by the attitude's uncertainty: nearer to the threshold, the decision stays",
+        description="margin in sigmas of the gain (attitude uncertainty): closer to the threshold nothing changes",
     )
     uncertain: Literal["keep", "hide", "deweight"] = Field(
         "deweight",

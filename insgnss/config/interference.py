@@ -28,7 +28,7 @@ class Emitter(StrictModel):
         0.0, description="of its way: polarisation (3 dB for a linear one), foliage, walls"
     )
     from_s: float | None = Field(
-        None, description="on from then, seconds of the GPS week; always when left out"
+        None, description="time it is switched on, seconds of the GPS week; from the beginning when left out"
     )
     until_s: float | None = None
 

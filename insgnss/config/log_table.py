@@ -53,7 +53,7 @@ class TimeScale(StrictModel):
     @model_validator(mode="after")
     def _dates_have_a_scale_and_no_unit(self) -> TimeScale:
         if self.origin != "calendar" and self.date_order != "ymd":
-            raise ValueError("date_order is of dates: write origin = 'calendar' too, or leave it out")
+            raise ValueError("date_order is only for dates: write origin = 'calendar' too, or leave it out")
         if self.origin == "calendar" and self.unit != "s":
             raise ValueError(
                 "unit is of numbers: leave it out where origin = 'calendar', or write 's' where columns.time holds"

@@ -28,7 +28,7 @@ class Detection(StrictModel):
         None, description="longer accumulations are sums of squares of pieces not longer than this"
     )
     max_looks: Annotated[int, Field(ge=1, le=10_000)] = Field(
-        500, description="squares that are summed at most; 500 of 20 ms are 10 s, no vehicle waits longer"
+        500, description="most looks summed non-coherently; 500 of 20 ms take 10 s, a practical limit"
     )
 
     @field_validator("pfa")

@@ -279,7 +279,7 @@ class PositionSensor(SensorLog):
     def _heights_fit_the_frame(self) -> Self:
         if self.frame == "ecef" and self.height != "ellipsoid":
             raise ValueError(
-                "height = 'sea_level' is of geodetic fixes: x, y and z say the height themselves"
+                "height = 'sea_level' needs latitude and longitude: leave it out with x, y and z"
             )
         return self
 

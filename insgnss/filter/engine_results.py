@@ -49,7 +49,7 @@ class EpochResult:
         late, limit = (newest_ns - self.t_ns) / NS_PER_S, latency_ns / NS_PER_S
         detail = f"{what} {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
         if late <= limit:
-            detail = f"{what} not later than what is final already: refused"
+            detail = f"{what} is not later than the last final output: refused"
         return Event(self.t_ns, "too_late", detail)
 
 

@@ -162,7 +162,7 @@ def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
         given = [kind.name for kind, _ in member.rows]
         if given != wanted:
             raise MeasurementError(
-                f"one open heading is given the rows {wanted} and another one {given}, at {t_ns} ns",
+                f"rows() returned {wanted} for one heading hypothesis and {given} for another, at {t_ns} ns",
                 advice="give each state as many rows as the others; a row with the innovation NaN is refused",
             )
 

@@ -82,7 +82,7 @@ def boot_clock(fixes: Any | None) -> tuple[BootClock | None, list[Event]]:
     scatter_s = float(np.sqrt(np.mean(residual[kept] ** 2)))
     clock = BootClock(int(boot_us[0]), int(gps_ns[0]) + round(level * NS_PER_S), rate, scatter_s)
     detail = (
-        f"the autopilot's clock laid on GPS time by {int(kept.sum())} GPS messages, scatter {scatter_s:.3f} s;"
+        f"the autopilot's clock aligned with GPS time by {int(kept.sum())} GPS messages, scatter {scatter_s:.3f} s;"
         " inertial times may be too early by the receiver's delay, 0.05 to 0.2 s"
     )
     return clock, [Event(int(gps_ns[0]), "imu_time_estimated", detail)]

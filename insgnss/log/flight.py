@@ -146,7 +146,7 @@ class Flight(ResultDisplay):
             reference, found = read_reference(config.reference, config.gps_week)
             events += found
         if config.gnss.lever_b is None and config.gnss.files:
-            detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
+            detail = "gnss.lever_arm_m is not given: zero is assumed; measure the lever arm and give it"
             events.append(Event(None, "lever_arm_not_given", detail))
         further, found = read_further_antennas(config, logs.gnss)
         sensors, told = self._sensors(imu)
@@ -227,7 +227,7 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
     elif config.imu is not None and not config.imu.counts_in_gps_week:
         t_ns = read_imu(config.imu, 0, grade)[0].t_ns
     if not len(t_ns):
-        advice = "give gps_week, that the seconds of the logs count in"
+        advice = "give gps_week, the GPS week in which the logs' seconds count"
         raise ConfigError("missing key", file=path, key="gps_week", advice=advice)
     return int(t_ns[0]) // NS_PER_WEEK
 

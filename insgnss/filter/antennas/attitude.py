@@ -207,7 +207,7 @@ class AttitudeAid:
             t_ns,
             "attitude_found",
             f"whole cycles of {len(d.b)} differences of {satellites} satellites: heading {yaw:.2f} deg, loss"
-            f" {found.loss:.1f}, the second best {found.ratio:.1f} times as much",
+            f" {found.loss:.1f}, the second-best solution's loss is {found.ratio:.1f} times as large",
         )
 
     def _try_other_orders(self, rows: DifferenceRows, d: Differences, bank: Bank, t_ns: int) -> None:

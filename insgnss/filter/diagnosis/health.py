@@ -223,7 +223,9 @@ class FilterHealth:
         if len(self.resets_ns) > health.heading_lost_resets:
             return Remedy(bank, [], f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
         if moved_m / WGS84_A_M > _WRONG_VERTICAL_RAD:  # by so much the vertical turns with the position
-            far = f"the position is {moved_m / 1000.0:.0f} km away: the attitude was levelled elsewhere"
+            far = (
+                f"the fix is {moved_m / 1000.0:.0f} km away: roll and pitch, levelled here, do not hold there"
+            )
             return Remedy(bank, [], far)
         return Remedy(found, [reset_in_words(t_ns, bank, found, doubt)])
 

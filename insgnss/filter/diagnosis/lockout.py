@@ -149,7 +149,7 @@ def in_words(t_ns: int, step: ClockStep, epochs: int) -> Event:
     """Return the event of a step absorbed after ``epochs`` epochs of refusals."""
     kind, rows = (CLOCK_STEP, "pseudorange") if step.kind == PSEUDORANGE else (DRIFT_STEP, "range rate")
     if step.judged == 1:
-        why = f"the one satellite's {rows} was refused for {epochs} epochs, and no other shows which is wrong"
+        why = f"the only satellite's {rows} was refused for {epochs} epochs, and no other satellite can check it"
     else:
         why = f"{rows}s of {step.witnesses} of {step.judged} satellites agree on it after {epochs} epochs of refusals"
     return event_in_words(t_ns, int(kind), step.size, f": {why}")

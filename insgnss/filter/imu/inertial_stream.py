@@ -77,7 +77,9 @@ class ScreeningReporter:
             detail = "the gyros are back, but the attitude is lost: the filter restarts from the next fix"
             return Event(t_ns, "restart", detail)
         if kind == BAD_SAMPLE and size == 1.0:
-            detail = "an inertial sample has an impossible value: left out, up to the next valid one"
+            detail = (
+                "an inertial sample has an impossible value: samples up to the next valid one are ignored"
+            )
             return self._counted(t_ns, "imu_bad_sample", detail)
         if kind == SPIKE:
             detail = f"the {_SENSORS[int(size)]} jump away and back within one sample: left out"
@@ -86,7 +88,9 @@ class ScreeningReporter:
             axes = int(edit["axes"])
             names = ", ".join("xyz"[i] for i in range(3) if axes >> i & 1)
             what = "are at the end of their range" if axes >> 3 & 1 else "hold their values"
-            detail = f"the {_SENSORS[int(size)]} (body axes {names}) {what}: their motion counts as unknown"
+            detail = (
+                f"the {_SENSORS[int(size)]} (body axes {names}) {what}: their motion is treated as unknown"
+            )
             return self._counted(t_ns, "imu_sensor_out", detail)
         if kind == OUT_ENDS:
             detail = f"the {_SENSORS[int(edit['axes'])]} measure again after {size:.2f} s"

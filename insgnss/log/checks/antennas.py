@@ -80,7 +80,7 @@ def _log_findings(flight: Flight, antenna: FurtherAntenna, main: GnssTable) -> l
         f" log in {len(counts)} of its {epochs} epochs"
     )
     few = np.median(counts) < MIN_CYCLE_SATELLITES
-    advice = "fewer than four seldom settle the whole cycles" if few else ""
+    advice = "with fewer than four satellites the integer ambiguities are rarely resolved" if few else ""
     return [Finding("warning" if few else "ok", "attitude", text, advice)]
 
 

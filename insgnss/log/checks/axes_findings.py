@@ -110,14 +110,14 @@ def _other_axes(
     if declared.turned:
         return Finding("error", "motion", text, "correct imu.mounting_matrix by this turn")
     if not forward_known(one) and contradicted(one, declared.accel):
-        advice = "gravity is along another axis than declared, but the motion has no one direction: which is forward?"
+        advice = "gravity is not along the declared axis; the motion does not show which is forward: declare imu.axes"
         return Finding("error", "motion", text, advice)
     left = " (left-handed)" if np.linalg.det(best.accel) < 0.0 else ""
     sure = f"{_certainty(best, near, margin)} for a vehicle that moves nose first"
     if not near:
         return Finding("error", "motion", text + left, "", sure, _proposals(declared, best))
     why = "the one that a mounting gives" if best.mounted else "the simplest"
-    sure += f"; of several readings that explain the motion {why}"
+    sure += f"; several axis mappings explain the motion, this is {why}"
     columns = _open_columns(best, near)
     others = (
         f"the sign or order of {', '.join(columns)}" if len(columns) <= MOST_OPEN else f"axes {_listed(near)}"

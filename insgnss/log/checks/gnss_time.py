@@ -67,8 +67,8 @@ def gnss_time_findings(
         sure = "likely: of several shifts the one that makes the logs overlap"
     if len(found) == 1:
         return [_finding(flight, found[0], gnss, sure)]
-    text = "the pseudoranges do not agree on a place, with the tags as they are"
-    told = f" nor shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
+    text = "no position fits the pseudoranges with the time tags as logged"
+    told = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
     if float(np.median(count[enough])) < PLENTY:
         return [Finding("warning", "gnss", text + told, "with so few satellites the masks may leave too few")]
     advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
@@ -140,8 +140,8 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Findi
     words = [f"{shift.weeks:+d} week(s)"] if shift.weeks else []
     words += [f"{shift.hours:+d} hour(s)"] if shift.hours else []
     words += [f"{shift.leaps * leap:+d} leap seconds"] if shift.leaps else []
-    text = f"the pseudoranges agree on a place with the GNSS tags shifted by {' and '.join(words)}"
-    why = "only so do the pseudoranges agree on a place"
+    text = f"the pseudoranges agree on a position with the GNSS tags shifted by {' and '.join(words)}"
+    why = "only this shift makes the pseudoranges agree on a position"
     proposals = []
     added = shift.hours * HOUR_S
     if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:

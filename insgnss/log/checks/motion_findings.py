@@ -147,7 +147,7 @@ def _no_motion() -> Finding:
         "no motion above the noise while both logs run: neither forward axis nor gyro unit nor time offset"
         " can be seen"
     )
-    return Finding("ok", "motion", text, "a minute with two turns, or a run and a stop, decides them")
+    return Finding("ok", "motion", text, "log a minute with two turns, or with an acceleration and a stop")
 
 
 def _unexplained(match: Match) -> Finding:

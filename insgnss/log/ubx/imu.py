@@ -84,7 +84,7 @@ def imu_table(frames: UbxFrames, epoch_offset: Int64, epoch_ns: Int64) -> tuple[
     table = ImuTable(t_ns, values_si[:, :3], values_si[:, 3:])
     samples = replace(samples, left_out=samples.left_out + int((~near).sum()))
     detail = (
-        f"{frames.path}: sensor times laid on GPS time by the order of the messages, scatter {line.scatter_s:.3f} s;"
+        f"{frames.path}: sensor times aligned with GPS time by message order, scatter {line.scatter_s:.3f} s;"
         " they may be too early by the receiver's output delay, up to about 0.15 s"
     )
     return table, [*samples.events(frames.path), Event(int(t_ns[0]), "imu_time_estimated", detail)]

@@ -75,9 +75,7 @@ def _budget(budget: pd.DataFrame) -> Chart:
             rows.add(0, line_trace(time_s, values, name[8:-4].replace("_", " "), colour_of(place)))
     rows.kinds[0] = "log"
     caption = "Median over the satellites; parts that are zero are not drawn."
-    return rows.chart(
-        "chart-aiding-budget", "What the Doppler's sigma is made of", row_px=260, caption=caption
-    )
+    return rows.chart("chart-aiding-budget", "Error budget of the Doppler", row_px=260, caption=caption)
 
 
 def _points(satellites: int) -> int:

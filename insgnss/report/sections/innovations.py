@@ -122,7 +122,7 @@ def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, unit: str) -> 
     for row, size in enumerate(sizes):
         limit = 1.25 * float(np.quantile(size, 0.995)) + 1e-9
         chart.ranges[row] = (-limit, limit) if row == 0 else (-max(limit, 3.5), max(limit, 3.5))
-    caption = "Touch a satellite's name to hide it, twice to see it alone. The axes open on what was used."
+    caption = "Click a satellite's name to hide it, double-click to see it alone. The axes first show the used rows."
     return chart.chart(f"chart-innovation-{kind}", f"Innovations: {words}", row_px=190, caption=caption)
 
 

@@ -53,9 +53,7 @@ def section(run: Run) -> Section | None:
     rows.add(0, line_trace(time_s, used.astype(np.float64), "used", "#0072b2", line=step, fill="tozeroy"))
     rows.ranges[0] = (0.0, float(used.max()) * 1.1 + 0.5)
     count = rows.chart("chart-used", "Satellites used at each epoch", row_px=160, showlegend=False)
-    caption = (
-        "Where the picture is too coarse for every epoch, what was refused is drawn over what was tracked."
-    )
+    caption = "Where the plot cannot resolve every epoch, refused measurements are drawn over tracked ones."
     timeline = timeline_chart(_all_of_the_log(run), "chart-timeline", "Satellites and their state", caption)
     return Section("satellites", "Satellites", charts=(timeline, count))
 

@@ -18,7 +18,7 @@ from insgnss.runs.result import Run
 from insgnss.tables import Bool, Float64
 
 _CAPTION: Final = (
-    "Filter minus smoother. The band is three times the root of what smoothing took off the variance: a consistent"
+    "Filter minus smoother. The band is three times the root of the variance that smoothing removed: a consistent"
     " filter stays within it."
 )
 

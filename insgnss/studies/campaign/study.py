@@ -153,7 +153,7 @@ def prepare(
             raise ResultError(
                 "the folder holds the results of another campaign",
                 file=path,
-                advice="give another --output, or the file that they are of",
+                advice="give another --output, or the campaign file of these results",
             )
     except OSError as error:
         advice = "give another --output folder"

@@ -121,7 +121,7 @@ def _of_error(row: Mapping[Any, Any]) -> str:
     bounds = f"NEES per axis {nees:.2f}, bounds {low:.2f} to {high:.2f}"
     errors = f"{row['component']}: errors {times_their_sigma(float(ratio))} ({bounds})"
     if low <= nees <= high:
-        return f"{errors}: within what chance does"
+        return f"{errors}: within the chance bounds"
     return f"{errors}: the filter is too {'confident' if nees > high else 'modest'}"
 
 

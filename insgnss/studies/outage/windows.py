@@ -143,7 +143,7 @@ def periodic_windows(
     """
     _check_length(length_s)
     if not every_s > 0.0:
-        raise ConfigError(f"a period of {every_s} s is none", key="every_s", advice="give seconds, above 0")
+        raise ConfigError(f"invalid period {every_s} s", key="every_s", advice="give seconds, above 0")
     count = max(int(np.floor((until_s - length_s - first_s) / every_s + 1e-9)) + 1, 0)
     return [OutageWindow(first_s + k * every_s, first_s + k * every_s + length_s) for k in range(count)]
 
@@ -210,4 +210,4 @@ def checked(windows: Sequence[tuple[float, float]]) -> list[OutageWindow]:
 
 def _check_length(length_s: float) -> None:
     if not length_s > 0.0:
-        raise ConfigError(f"a length of {length_s} s is none", key="length_s", advice="give seconds, above 0")
+        raise ConfigError(f"invalid length {length_s} s", key="length_s", advice="give seconds, above 0")

@@ -141,7 +141,7 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
     """
     if not 0.0 <= drift_density < math.inf:
         raise ConfigError(
-            f"a drift density of {drift_density:g} is none",
+            f"invalid drift density {drift_density:g}",
             key="drift_density",
             advice="give rad^2/s^3, one-sided: 0.02 to 1000",
         )
