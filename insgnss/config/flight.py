@@ -343,8 +343,7 @@ class AttitudeConfig(StrictModel):
     multipath_sigma_m: NotNegative = Field(0.003, description="of one antenna's phase, in addition")
     multipath_time_s: NotNegative = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
-        2.0,
-        description="least ratio of the second-best integer solution's loss to the best's, for acceptance",
+        2.0, description="least ratio of the second-best integer solution's loss to the best's"
     )
     confirmations: Annotated[int, Field(ge=1)] = Field(
         3, description="epochs in a row that have to find the same whole cycles"

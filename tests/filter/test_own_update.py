@@ -295,7 +295,9 @@ def test_rows_that_differ_in_number_between_the_headings_are_refused() -> None:
     measurement = giving(())
     measurement.rows = lambda state, layout: [(0.0, UP, 1.0)] * (1 if state.yaw_rad < 1.5 else 2)
     setup = setup_with(measurement)
-    with pytest.raises(MeasurementError, match=r"\['mine'\] for one heading hypothesis and \['mine', 'mine'\] for"):
+    with pytest.raises(
+        MeasurementError, match=r"\['mine'\] for one heading hypothesis and \['mine', 'mine'\] for"
+    ):
         used(bank, setup)
 
 
