@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -156,7 +157,8 @@ def _no_rows() -> GnssRows:
     )
 
 
+@cache
 def fetch_loop() -> None:
-    """Load them from the cache, or compile the missing ones."""
+    """Load them from the cache, or compile the missing ones; once a process, as to find the types takes 0.1 s."""
     for kernel, arguments in calls().items():
         compile_for(kernel, arguments)
