@@ -133,7 +133,7 @@ class _ColumnReader:
                 line=int(self.lines[zoned[0]]),
                 column=name,
                 key="time.scale",
-                advice="change scale from 'gps' to 'utc'; dates in GPS time are written without a zone",
+                advice="write scale = 'utc' in place of 'gps'; dates in GPS time are written without a zone",
             )
         self._refuse_rows(name, calendar.joined(parts), readable, "not a date and time", advice)
 
