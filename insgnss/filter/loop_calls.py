@@ -55,7 +55,8 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     """Return the kernels that every replay needs, each with arguments of the types that it is called with.
 
     The longest to compile stand first, so that processes that share the list end together. What only some replays need
-    (masking, the trace, a prior that is far off) is compiled where it is first called.
+    (masking, the trace, a prior that is far off) is compiled where it is first called. A kernel that is handed an array
+    in a record has no place here: Python cannot name the type which that has inside a kernel.
     """
     rows = _no_rows()
     imu = ImuSamples(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
@@ -71,6 +72,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         observe: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
         run_epochs: (bank, (ANY_N, ANY_N), rows, imu, parameters, ANY_X, out, work),
         carry: (m, P, ANY_N, ANY_N, ANY_N, imu, par, scratch),
+        follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
         update_epoch: (bank, ANY_N, par, rows, ANY_N, imu, ANY_N, work),
         propagate_covariance: (m, P, par, scratch),
         update_bank: (bank, ANY_N, rows, imu, ANY_N, par, out, work),
@@ -90,7 +92,6 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         **_judging(bank, par, rows, work.epoch),
         swing_lever_arm: (m, P, par, s.antenna[0], ANY_N),
         place_range_biases: (bank, par, rows, ANY_N, lines),
-        follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),
         place_slow_variances: (bank, ANY_N, par, rows, ANY_N, lines),
         place_effects_of_fix: (bank.slow, ANY_N, par.held[:0], rows, ANY_N, lines),
         is_prunable: (bank, ANY_N, ANY_X),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,19 @@ from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
-from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE
+from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, GnssRows
+from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
+
+
+def remembered(log: GnssRows, mean_m: Sequence[float], variance: float, since_s: float) -> Float64:
+    """Return the memory of satellites whose ranges had these means so long ago; none of one without a number."""
+    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
+    for slot, mean in zip(log.observation["slot"], mean_m, strict=True):
+        if np.isfinite(mean):
+            memory[slot, RANGE_S], memory[slot, REFLECTION] = START_NS * 1e-9 - since_s, mean
+            memory[slot, REFLECTION_VARIANCE] = variance
+    return memory
 
 
 @pytest.mark.parametrize(
@@ -34,10 +47,7 @@ def test_size_is_what_the_residuals_have_beyond_chance(
     log = perfect_rows(new_filter(place(), offsets=()), parameters(), [START_NS], sky(place()))
     lines = new_epoch(len(log.sat), 20).lines
     lines["variance"][:, PSEUDORANGE], lines["bias"] = 9.0, 1 + np.arange(len(lines))
-    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
-    if np.isfinite(mean_m):
-        memory[:, RANGE_S], memory[:, REFLECTION] = START_NS * 1e-9 - since_s, mean_m
-        memory[:, REFLECTION_VARIANCE] = 0.1
+    memory = remembered(log, [mean_m] * len(lines), 0.1, since_s)
     write_reflections(memory, par, log, 0, lines)
     np.testing.assert_allclose(lines["reflection"], expected_m)
     lines["bias"] = 0  # more satellites than places
@@ -54,11 +64,7 @@ def test_bands_of_a_satellite_have_its_errors_and_each_the_size_of_its_own() -> 
     place_range_biases(bank, par, log, 0, lines)
     assert lines["bias"].tolist() == [1, 2, 1]
     lines["variance"][:, PSEUDORANGE] = 1.0
-    memory = np.full((log.observation["slot"].max() + 1, N_MEMORY), -np.inf)
-    memory[log.observation["slot"], RANGE_S] = START_NS * 1e-9
-    memory[log.observation["slot"], REFLECTION] = 3.0, 4.0, -5.0
-    memory[log.observation["slot"], REFLECTION_VARIANCE] = 0.0
-    write_reflections(memory, par, log, 0, lines)
+    write_reflections(remembered(log, [3.0, 4.0, -5.0], 0.0, 1.0), par, log, 0, lines)
     np.testing.assert_allclose(lines["reflection"], [3.0, 4.0, -5.0])
 
 
