@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import datetime as dt
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,39 @@ def test_cut_and_damaged_logs_give_what_they_hold(tmp_path: Path) -> None:
     assert log.imu is not None and len(log.imu.t_ns) > 500
     told = [event.detail for event in log.events if event.kind == "ulog_damaged"]
     assert any("no message begins" in detail for detail in told)
+
+
+def test_wrong_size_of_one_definition_costs_that_definition_alone(tmp_path: Path) -> None:
+    data = bytearray(flown(60).data)
+    info = message("I", b"\x0cchar[4] nameabcd")
+    head = 16 + 3 + 40
+    data[head:head] = info + info
+    whole = read(tmp_path, bytes(data))
+    data[head + 1] ^= 0x20  # 8192 bytes longer than it is
+    log = read(tmp_path, bytes(data))
+    assert whole.imu is not None and log.imu is not None
+    assert np.array_equal(log.imu.t_ns, whole.imu.t_ns) and len(log.gnss.t_ns) == len(whole.gnss.t_ns)
+    (told,) = [event.detail for event in log.events if event.kind == "ulog_damaged"]
+    assert f"reading goes on at byte {head + len(info)}" in told
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no alarm on this system")
+def test_data_before_the_first_topic_that_would_hold_the_library_for_ever_are_left_out(
+    tmp_path: Path,
+) -> None:
+    # 30 000 bytes of no topic; the library steps into them and finds there a size that leads beyond the file's end
+    data = flown(5).data
+    plain = read(tmp_path, data)
+    with_data = data[: 16 + 43] + message("D", b"\xff\xff\x75" * 10_000) + data[16 + 43 :]
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the reading does not end"))
+    signal.alarm(20)
+    try:
+        log = read(tmp_path, with_data)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    assert log.imu is not None and plain.imu is not None and np.array_equal(log.imu.t_ns, plain.imu.t_ns)
+    assert any(event.kind == "ulog_damaged" for event in log.events)
 
 
 def test_dropouts_are_told(tmp_path: Path) -> None:
