@@ -66,6 +66,18 @@ class TimeScale(StrictModel):
         return self
 
 
+def require_different(names: tuple[str, ...], advice: str) -> None:
+    """Refuse columns of which two have one name.
+
+    Raises
+    ------
+    ValueError : they do
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"'{twice}' is named for two things: {advice}")
+
+
 class LogColumns(StrictModel):
     """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
@@ -77,11 +89,13 @@ class LogColumns(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_different(self) -> Self:
-        names = list(self.all_names())
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"'{twice}' is named for two things: each needs a column of its own")
+        for names in self.tables():
+            require_different(names, "each needs a column of its own")
         return self
+
+    def tables(self) -> tuple[tuple[str, ...], ...]:
+        """Return the names of the columns of each file that the log may consist of."""
+        return (self.all_names(),)
 
     def all_names(self) -> tuple[str, ...]:
         """Return every name of a column, without ``NO_COLUMN``."""

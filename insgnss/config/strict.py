@@ -230,7 +230,9 @@ def _describe(
             key, line, f"{entry}missing" if entry else "missing key", f"give {key}{_purpose(keys, model)}"
         )
     if kind in ("value_error", "assertion_error"):
-        return _Problem(key, line, error["msg"].split(", ", 1)[-1], f"change {key}{_purpose(keys, model)}")
+        # what the schema says of a whole table does not tell which of its keys to change; the message does
+        purpose = "" if isinstance(error["input"], Mapping) else _purpose(keys, model)
+        return _Problem(key, line, error["msg"].split(", ", 1)[-1], f"change {key}{purpose}")
     expected = _EXPECTED.get(kind) or error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
     message = f"{entry}expected {expected}; got {_short(error['input'])}"
     return _Problem(key, line, message, f"change {key}{_purpose(keys, model)}")

@@ -197,7 +197,8 @@ class Flight(ResultDisplay):
 
     def inertial_files(self) -> tuple[Path, ...]:
         """Return the files of the inertial log, none without one."""
-        return () if self.config.imu is None else self.config.imu.files
+        imu = self.config.imu
+        return () if imu is None else (*imu.files, *imu.accel_files)
 
     def _hashes(self) -> dict[str, str]:
         return {str(path): sha256(path) for path in self.files()}
@@ -238,7 +239,9 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
     def absolute(path: Path) -> Path:
         return Path(os.path.normpath(folder / path))
 
-    imu = config.imu and config.imu.model_copy(update={"files": tuple(map(absolute, config.imu.files))})
+    imu = config.imu and config.imu.model_copy(
+        update={name: tuple(map(absolute, getattr(config.imu, name))) for name in ("files", "accel_files")}
+    )
     gnss = config.gnss.model_copy(
         update={
             "files": tuple(map(absolute, config.gnss.files)),

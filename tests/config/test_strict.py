@@ -200,7 +200,7 @@ def test_value_that_no_vehicle_has_names_line_key_and_bound(
         (
             "[gnss]",
             '[imu.columns]\ngyro = ["w", "accel_x", "v"]\n[gnss]',
-            "imu.columns",
+            "imu",
             "'accel_x' is named",
         ),
         (

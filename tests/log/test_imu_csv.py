@@ -217,3 +217,68 @@ def test_gap_is_told_and_nothing_is_filled_in(tmp_path: Path, rng: np.random.Gen
     table, events = read(tmp_path, rows)
     assert len(table.t_ns) == 1000
     assert events == ["imu_gap"]
+
+
+def two_files(folder: Path, gyro: Float64, accel: Float64) -> dict[str, object]:
+    """Write each sensor's log as a phone does, time and x, y, z, and return what declares them."""
+    for name, rows in (("Gyroscope.csv", gyro), ("Accelerometer.csv", accel)):
+        write_lines(folder / name, ["time,x,y,z", *lines_of(rows)])
+    axes = ["x", "y", "z"]
+    return {
+        "files": [folder / "Gyroscope.csv"],
+        "accel_files": [folder / "Accelerometer.csv"],
+        "columns": {"time": "time", "gyro": axes, "accel": axes},
+    }
+
+
+def test_sensors_with_files_of_their_own_are_paired_at_the_gyros_times(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    rows = rest(rng)
+    accel_t = rows[5:-5:2, 0] + 0.003
+    force = np.column_stack([np.sin(accel_t - 1000.0), np.cos(accel_t - 1000.0), accel_t - 1010.0])
+    accel = np.column_stack([accel_t, force])
+    config = imu_config(**two_files(tmp_path, rows[:, :4], accel))
+    table, events = read_imu(config, WEEK)
+    inside = (rows[:, 0] >= accel_t[0]) & (rows[:, 0] <= accel_t[-1])
+    assert np.array_equal(table.t_ns, WEEK_NS + np.rint(rows[inside, 0] * 1e9).astype(np.int64))
+    assert np.allclose(table.w_ib_b, rows[inside, 1:4], rtol=0, atol=1e-9)
+    expected = np.column_stack([np.interp(rows[inside, 0], accel_t, force[:, k]) for k in range(3)])
+    assert np.allclose(table.f_b, expected, rtol=0, atol=2e-8)  # nine decimals of both
+    (unpaired,) = [event.detail for event in events if event.kind == "imu_unpaired"]
+    assert f"{int((~inside).sum())} angular rate(s) without a specific force" in unpaired
+
+
+def test_sensors_that_share_no_time_are_an_error_with_both_spans(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    rows = rest(rng)
+    later = rows[:, [0, 4, 5, 6]] + [500.0, 0.0, 0.0, 0.0]
+    with pytest.raises(
+        InputError, match=r"1000.000 to 1009.990 s\) and accelerometers \(1500.000 to 1509.990"
+    ):
+        read_imu(imu_config(**two_files(tmp_path, rows[:, :4], later)), WEEK)
+
+
+def test_one_sensor_s_file_in_the_place_of_both_names_the_key_for_two(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    rows = rest(rng)
+    two_files(tmp_path, rows[:, :4], rows[:, [0, 4, 5, 6]])
+    columns = {"time": "time", "gyro": ["x", "y", "z"], "accel": ["ax", "ay", "az"]}
+    with pytest.raises(InputError, match="accel_files"):
+        read_imu(imu_config(tmp_path / "Gyroscope.csv", columns=columns), WEEK)
+    misspelt = write_lines(tmp_path / "imu.csv", [IMU_HEADER.replace("accel_y", "acel_y"), *lines_of(rows)])
+    with pytest.raises(InputError, match="nearest: 'acel_y'") as caught:
+        read_imu(imu_config(misspelt), WEEK)
+    assert "accel_files" not in str(caught.value)
+    columns["accel"] = columns["gyro"]
+    with pytest.raises(ValueError, match=r"'x' is named for two things(.|\n)*accel_files"):
+        imu_config(tmp_path / "Gyroscope.csv", columns=columns)
+
+
+def test_increments_of_two_files_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
+    rows = rest(rng)
+    settings = two_files(tmp_path, rows[:, :4], rows[:, [0, 4, 5, 6]])
+    with pytest.raises(ValueError, match="accel_files goes with values = 'rates'"):
+        imu_config(**settings, values="increments", gyro_unit="rad", accel_unit="m/s")

@@ -7,6 +7,7 @@ are an error (``imu_units``), damaged samples are events (``imu_time``, ``imu_fa
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,8 @@ import numpy as np
 
 from insgnss.config.flight import FlightConfig, ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
-from insgnss.errors import ConfigError, InputError
+from insgnss.errors import ColumnError, ConfigError, InputError
+from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
@@ -22,6 +24,7 @@ from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_
 from insgnss.log.imu.faults import SensorTriad, fault_events
 from insgnss.log.imu.frozen import frozen_events
 from insgnss.log.imu.increment_steps import increment_intervals
+from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.log.imu.units import check_units
 from insgnss.tables import Event, Float64, ImuTable, Int64
@@ -55,7 +58,7 @@ def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tup
     ConfigError : impossible axes
     """
     mounting_matrix(config)
-    file = ", ".join(str(path) for path in config.files)
+    file = ", ".join(map(str, (*config.files, *config.accel_files)))
     raw, events = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     median_ns = float(np.median(step))
@@ -76,7 +79,7 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
     ------
     InputError or a subclass : a file or column is missing or unreadable
     """
-    file = ", ".join(str(path) for path in config.files)
+    file = ", ".join(map(str, (*config.files, *config.accel_files)))
     raw, _ = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     own = config.model_copy(update={"axes": ("+x", "+y", "+z"), "gyro_axes": None, "mounting_matrix": None})
@@ -85,14 +88,41 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
 
 def _increasing(config: ImuConfig, week: int, file: str) -> tuple[_RawColumns, list[Event]]:
     """Return the samples of all files whose time increases, at least two."""
-    parts, events = _read_files(config, week)
-    raw = parts[0]
-    if len(parts) > 1:
-        raw, refused = _in_order(_joined(parts), file)
-        events += refused
+    names = config.columns
+    if config.accel_files:
+        gyro, events = _read_files(config, config.files, names.gyro, (), week)
+        accel, found = _read_files(config, config.accel_files, (), names.accel, week)
+        raw, told = _at_the_gyros_times(gyro, accel, week, file)
+        events += found + told
+    else:
+        raw, events = _read_files(config, config.files, names.gyro, names.accel, week)
     if len(raw.t_ns) < 2:
         raise InputError("an inertial log needs at least two samples", file=file)
     return raw, events
+
+
+def _at_the_gyros_times(
+    gyro: _RawColumns, accel: _RawColumns, week: int, file: str
+) -> tuple[_RawColumns, list[Event]]:
+    """Return the gyros' samples with the specific force interpolated to their times, as ``paired`` does.
+
+    Raises
+    ------
+    InputError : no sample of one sensor is near one of the other
+    """
+    table, events = paired(
+        gyro.t_ns, np.column_stack(gyro.gyro), accel.t_ns, np.column_stack(accel.accel), file
+    )
+    if table is None:
+        spans = [ns_to_week_seconds(each.t_ns[[0, -1]], week) for each in (gyro, accel)]
+        gyros, others = (f"{first:.3f} to {last:.3f} s" for first, last in spans)
+        raise InputError(
+            f"gyros ({gyros}) and accelerometers ({others}) share no time",
+            file=file,
+            key="imu.accel_files",
+            advice="name files of one recording; both count time as [imu.time] says",
+        )
+    return _RawColumns(table.t_ns, list(table.w_ib_b.T.copy()), list(table.f_b.T.copy())), events
 
 
 def _in_order(raw: _RawColumns, file: str) -> tuple[_RawColumns, list[Event]]:
@@ -125,40 +155,75 @@ def _axes(
     )
 
 
-def _read_files(config: ImuConfig, week: int) -> tuple[list[_RawColumns], list[Event]]:
-    """Return the samples of each file, in order, the files ordered by their first time."""
+def _read_files(
+    config: ImuConfig, files: tuple[Path, ...], gyro: tuple[str, ...], accel: tuple[str, ...], week: int
+) -> tuple[_RawColumns, list[Event]]:
+    """Return the samples of all files with the columns that they hold, the files ordered by their first time."""
     events: list[Event] = []
     parts: list[_RawColumns] = []
-    for path in config.files:
+    for path in files:
         previous = int(parts[-1].t_ns[-1]) if parts else None
-        part, found = _read_file(config, path, week, previous)
+        part, found = _read_file(config, path, (gyro, accel), week, previous)
         parts.append(part)
         events += found
-    return sorted(parts, key=lambda part: int(part.t_ns[0])), events
+    if len(parts) == 1:
+        return parts[0], events
+    raw, refused = _in_order(
+        _joined(sorted(parts, key=lambda part: int(part.t_ns[0]))), ", ".join(map(str, files))
+    )
+    return raw, events + refused
 
 
 def _joined(parts: list[_RawColumns]) -> _RawColumns:
+    first = parts[0]
     return _RawColumns(
         np.concatenate([part.t_ns for part in parts]),
-        [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(3)],
-        [np.concatenate([part.accel[axis] for part in parts]) for axis in range(3)],
+        [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(len(first.gyro))],
+        [np.concatenate([part.accel[axis] for part in parts]) for axis in range(len(first.accel))],
     )
 
 
 def _read_file(
-    config: ImuConfig, path: Path, week: int, previous_ns: int | None
+    config: ImuConfig,
+    path: Path,
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    week: int,
+    previous_ns: int | None,
 ) -> tuple[_RawColumns, list[Event]]:
-    names = config.columns
-    wanted = wanted_with_time(config, ColumnSelection(numeric=(*names.gyro, *names.accel)))
-    table = read_csv_table(path, wanted)
+    """Return the samples of a file; ``names`` are the columns of gyros and accelerometers, empty where it has none."""
+    gyro, accel = names
+    try:
+        table = read_csv_table(path, wanted_with_time(config, ColumnSelection(numeric=(*gyro, *accel))))
+    except ColumnError as error:
+        if not gyro or not accel or not _has_one_sensor(config, path):
+            raise
+        advice = (
+            "the file holds one of the two sensors: name the gyros' files in files, the others in accel_files"
+        )
+        raise ColumnError(
+            error.message,
+            file=error.file,
+            line=error.line,
+            column=error.column,
+            advice=f"{advice}; or {error.advice}",
+        ) from error
     t_ns, rows, events = gps_times(table, config, week)
-    columns = [
-        table.columns[name] if rows is None else table.columns[name][rows]
-        for name in (*names.gyro, *names.accel)
-    ]
-    raw, refused = _in_order(_RawColumns(t_ns, columns[:3], columns[3:]), str(path))
+    columns = [table.columns[name] if rows is None else table.columns[name][rows] for name in (*gyro, *accel)]
+    raw, refused = _in_order(_RawColumns(t_ns, columns[: len(gyro)], columns[len(gyro) :]), str(path))
     raw.t_ns, continued = continued_week(raw.t_ns, previous_ns, str(path))
     return raw, table.events + events + refused + continued
+
+
+def _has_one_sensor(config: ImuConfig, path: Path) -> bool:
+    """Return whether a file has all columns of one of the two sensors and none of the other."""
+    gyro, accel = config.columns.gyro, config.columns.accel
+    for own, other in ((gyro, accel), (accel, gyro)):
+        with suppress(InputError):
+            table = read_csv_table(
+                path, wanted_with_time(config, ColumnSelection(numeric=own, optional=other))
+            )
+            return not any(name in table.columns for name in other)
+    return False
 
 
 def _to_table(raw: _RawColumns, step: Int64, config: ImuConfig, file: str) -> tuple[ImuTable, list[Event]]:
