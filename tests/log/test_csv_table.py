@@ -72,6 +72,50 @@ def test_harmless_variants_read_the_same(tmp_path: Path, lines: list[str]) -> No
     assert not [event for event in table.events if event.kind == "bad_row"]
 
 
+@pytest.mark.parametrize(
+    ("above", "count"),
+    [
+        (["sep=,"], 1),
+        (["# logger v1", "Serial: 123", "", "Date: 2025,,,", "a,b,c,d"], 3),
+        (["; a comment of another language", "// logger"], 1),
+        (["line"] * 99, 99),
+    ],
+)
+@pytest.mark.parametrize("header", [HEADER, "# " + HEADER])
+def test_lines_above_the_header_are_skipped_and_told_once(
+    tmp_path: Path, above: list[str], count: int, header: str
+) -> None:
+    table = read(tmp_path, [*above, header, *ROWS])
+    assert_complete(table)
+    told = [event.detail for event in table.events if event.kind == "csv_lines_skipped"]
+    assert told == [
+        f"{tmp_path / 'log.csv'}: {count} line(s) above the header in line {len(above) + 1} skipped"
+    ]
+    assert not [event for event in table.events if event.kind == "bad_row"]
+    assert table.line[0] == len(above) + 2
+
+
+def test_first_of_two_lines_that_could_be_the_header_is_taken(tmp_path: Path) -> None:
+    table = read(tmp_path, ["Serial: 1", HEADER, *ROWS[:50], HEADER, *ROWS[50:]])
+    assert table.dialect.header_line == 2 and table.n == 100
+    assert [event.kind for event in table.events] [:2] == ["csv_lines_skipped", "bad_row"]
+
+
+def test_line_by_number_follows_excel_s_mark(tmp_path: Path) -> None:
+    wanted = ColumnSelection(numeric=("#1", "#2"))
+    table = read_csv_table(write_lines(tmp_path / "log.csv", ["sep=;", "1.5;2.5", "2.5;3.5"]), wanted)
+    assert table.n == 2 and [event.kind for event in table.events] == ["csv_delimiter", "csv_lines_skipped"]
+
+
+def test_without_a_header_the_error_names_what_stands_there(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="reads 'Serial: 123', and no line below it"):
+        read(tmp_path, ["Serial: 123", *ROWS])
+    with pytest.raises(ColumnError, match="nearest: 'time'; the file has time, x, y, name"):
+        read(tmp_path, ["Serial: 123", "Date: 2025", "time,x,y,name", *ROWS])
+    with pytest.raises(ColumnError, match="reads 'line'"):
+        read(tmp_path, [*["line"] * 100, HEADER, *ROWS])  # more than a preamble
+
+
 @pytest.mark.parametrize("delimiter", [";", "\t", "|", "   "])
 def test_other_delimiters_are_recognised_and_told(tmp_path: Path, delimiter: str) -> None:
     table = read(tmp_path, swapped(delimiter))

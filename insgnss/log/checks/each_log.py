@@ -40,6 +40,7 @@ NOTICES: Final = frozenset(
         "csv_delimiter",
         "csv_encoding",
         "csv_header_in_comment",
+        "csv_lines_skipped",
         "android_lines_not_read",
         "android_range_not_used",
         "glonass_slot_found",

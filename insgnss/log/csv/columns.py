@@ -114,6 +114,11 @@ def _missing_column(name: str, dialect: Dialect, path: Path) -> ColumnError:
             "the first line holds numbers, not names: give every column by its number (time = 1, ...)"
             " under 'columns' in the flight file, or put a header line above it"
         )
+    elif len(present) == 1:
+        advice = (
+            f"line {dialect.header_line} reads '{present[0][:60]}', and no line below it holds the columns by the names"
+            " that are looked for: give the file's own names under 'columns' in the flight file"
+        )
     else:
         near = difflib.get_close_matches(name, present, n=1, cutoff=0.4)
         hint = f"nearest: '{near[0]}'; " if near else ""

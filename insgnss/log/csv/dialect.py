@@ -16,6 +16,10 @@ DELIMITERS = (",", ";", "\t", "|", " ")
 DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "white space"}
 FALLBACK_ENCODING = "cp1252"  # for text that is not UTF-8: spreadsheets write this encoding
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
+_HEADER_WITHIN = 100  # lines: no logger writes a longer preamble
+_SPREADSHEETS_MARK = re.compile(
+    r'"?sep=."?', re.IGNORECASE
+)  # a first line that names the delimiter, of Excel
 _BY_NUMBER = re.compile(r"#([1-9]\d*)")
 _NUMBER_OR_DATE = re.compile(r"[+-]?[.,]?\d")
 
@@ -30,6 +34,7 @@ class Dialect:
     skip: int  # lines before the data
     header_in_comment: bool = False
     header_is_utf8: bool = True
+    lines_above: int = 0  # lines above the header that are neither blank nor comments
 
     def place(self, name: str) -> int | None:
         """Return where a column stands, from 0, by its name or by its number, None when it is not there."""
@@ -96,46 +101,93 @@ def _without_names(line: str, number: int, numbers: Collection[int], decimal: st
     return Dialect(delimiter, tuple(cells), number, number, False, is_utf8)
 
 
-def detect_dialect(data: memoryview, wanted: Collection[str], decimal: str, path: Path) -> Dialect:
+def detect_dialect(
+    data: memoryview, wanted: Collection[str], required: Collection[str], decimal: str, path: Path
+) -> Dialect:
     """Return the dialect of a CSV file from its first lines.
 
     The header is the first line that is neither blank nor a comment. When that line names none of the wanted
-    columns, a comment line before it that does is the header ("# time_s, gyro_x, ..."). Where columns are given
-    by number the file needs no header.
+    columns, a comment line before it that does is the header ("# time_s, gyro_x, ..."). Where a required column is
+    missing in it, the header is the first of the first 100 lines that has all of them: a logger may write its name and
+    serial number above. Where columns are given by number the file needs no header.
 
     Raises
     ------
     InputError : there is no header line, or the file is binary or UTF-16
+    """
+    lines = _first_lines(data, path)
+    dialect = _by_the_first_line(lines, wanted, decimal, path)
+    if not any(column_number(name) for name in wanted) and not set(required) <= set(dialect.columns):
+        dialect = _by_a_later_line(lines, dialect, wanted, required)
+    above = (decoded(raw)[0].strip() for raw in lines[: dialect.header_line - 1])
+    return replace(dialect, lines_above=sum(bool(line) and not is_comment(line) for line in above))
+
+
+def _first_lines(data: memoryview, path: Path) -> list[bytes]:
+    """Return the lines at the head of a file, whole ones.
+
+    Raises
+    ------
+    InputError : the file is UTF-16
     """
     head = bytes(data[:_HEAD_BYTES])
     if len(data) > _HEAD_BYTES:
         head = head[: head.rfind(b"\n") + 1] or bytes(data)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError("the file is UTF-16", file=path, advice="save it as CSV in UTF-8")
-    lines = re.split(rb"\r\n|\n|\r", head.removeprefix(codecs.BOM_UTF8))
+    return re.split(rb"\r\n|\n|\r", head.removeprefix(codecs.BOM_UTF8))
+
+
+def _by_the_first_line(lines: list[bytes], wanted: Collection[str], decimal: str, path: Path) -> Dialect:
+    """Return the dialect whose header is the first line, or a comment above it.
+
+    Raises
+    ------
+    InputError : there is no such line, or the file is binary
+    """
     numbers = {k for name in wanted if (k := column_number(name)) is not None}
     comment: Dialect | None = None
     for number, raw in enumerate(lines, start=1):
         text, is_utf8 = decoded(raw)
         line = text.strip()
-        if not line:
+        if not line or _SPREADSHEETS_MARK.fullmatch(line):
             continue
         if is_comment(line):
-            named = line.lstrip("#%/ \t")
-            delimiter = _best_delimiter(named, wanted)
-            columns = tuple(split_cells(named, delimiter))
-            if len(set(columns) & set(wanted)) >= 2:
-                comment = Dialect(delimiter, columns, number, number, True, is_utf8)
+            named = _as_header(line, number, wanted, is_utf8)
+            if len(set(named.columns) & set(wanted)) >= 2:
+                comment = named
             continue
         if "\0" in line:
             raise InputError("this is a binary file, not CSV", file=path)
         if numbers:
             return _without_names(text, number, numbers, decimal, is_utf8)
-        delimiter = _best_delimiter(line, wanted)
-        cells = split_cells(line, delimiter)
-        if comment is not None and not set(cells) & set(wanted):
+        header = _as_header(line, number, wanted, is_utf8)
+        if comment is not None and not set(header.columns) & set(wanted):
             return replace(comment, skip=number - 1)
-        return Dialect(delimiter, tuple(cells), number, number, False, is_utf8)
+        return header
     raise InputError(
         "the file holds no header line", file=path, advice="the first line must name the columns"
     )
+
+
+def _by_a_later_line(
+    lines: list[bytes], first: Dialect, wanted: Collection[str], required: Collection[str]
+) -> Dialect:
+    """Return the dialect of the first line that has all required columns, else of the one that has most of them.
+
+    In that last case the file is refused, and the error names the columns of the line that is most like a header.
+    """
+    headers = [first]
+    for number in range(first.header_line + 1, min(len(lines), _HEADER_WITHIN) + 1):
+        text, is_utf8 = decoded(lines[number - 1])
+        if text.strip():
+            headers.append(_as_header(text.strip(), number, wanted, is_utf8))
+    return max(headers, key=lambda header: len(set(required) & set(header.columns)))
+
+
+def _as_header(line: str, number: int, wanted: Collection[str], is_utf8: bool) -> Dialect:
+    """Return the dialect of a file with this header line; a comment's mark does not belong to the first name."""
+    in_comment = is_comment(line)
+    named = line.lstrip("#%/ \t") if in_comment else line
+    delimiter = _best_delimiter(named, wanted)
+    return Dialect(delimiter, tuple(split_cells(named, delimiter)), number, number, in_comment, is_utf8)

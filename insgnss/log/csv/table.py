@@ -68,7 +68,9 @@ def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
     ColumnError : a column is missing, or more than 5 % of the rows cannot be read
     """
     buffer = file_buffer(path)
-    dialect = detect_dialect(memoryview(buffer), wanted.all, wanted.decimal, path)
+    dialect = detect_dialect(
+        memoryview(buffer), wanted.all, (*wanted.required, *wanted.chosen), wanted.decimal, path
+    )
     places = column_places(dialect, wanted, path)
     rows = _read_fast(buffer, path, dialect, places, wanted)
     if rows is None:
@@ -86,6 +88,11 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
         events.append(
             Event(None, "csv_delimiter", f"{path}: columns parted by {DELIMITER_NAMES[dialect.delimiter]}")
         )
+    if dialect.lines_above:
+        detail = (
+            f"{path}: {dialect.lines_above} line(s) above the header in line {dialect.header_line} skipped"
+        )
+        events.append(Event(None, "csv_lines_skipped", detail))
     if dialect.header_in_comment:
         detail = f"{path}:{dialect.header_line}: the column names are in a comment line"
         events.append(Event(None, "csv_header_in_comment", detail))
