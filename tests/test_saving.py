@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -127,6 +128,7 @@ def test_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
 LIGHT = f"""
 import os, sys, types
 from pathlib import Path
+from typing import Literal
 face = sys.modules["insgnss"] = types.ModuleType("insgnss")
 face.__path__ = [{str(REPOSITORY / "insgnss")!r}]
 from insgnss.results import saving
@@ -294,13 +296,28 @@ def test_damaged_run_is_an_error_of_ours_that_names_the_file(tmp_path: Path, nam
             "not utf-8": b'{"a": "\xff"}',
         }[damage]
     )
-    try:
+    with pytest.raises(ResultError, match="replay the flight again") as caught:
         Run.load(tmp_path)
-    except ResultError as error:
-        assert error.exit_code == 5
-        assert path.stem in str(error) or "columns.json" in str(error)
-    else:
-        assert damage == "flipped"  # another digit, or a byte of a footer that nobody reads, is not seen
+    assert caught.value.exit_code == 5
+    assert path.stem in str(caught.value) or "columns.json" in str(caught.value)
+
+
+@pytest.mark.parametrize("form", ["parquet", "csv"])
+@pytest.mark.parametrize("name", ["nav", "settings.json"])
+def test_folder_with_a_file_of_another_run_is_refused_by_its_name(
+    tmp_path: Path, form: Literal["parquet", "csv"], name: str
+) -> None:
+    folder = small_run(1.0).save(tmp_path / "run", form)
+    (folder / "notes.csv").write_text("mine")
+    assert marks(Run.load(folder)) == {1.0}
+    other = small_run(2.0).save(tmp_path / "other", form)
+    file = name if "." in name else f"{name}.{form}"
+    (other / file).replace(folder / file)
+    with pytest.raises(ResultError, match=f"{file}: the file is not the one that was saved with this run"):
+        Run.load(folder)
+    (folder / RECORD).unlink()  # as of a version that kept none
+    Run.load(folder)
+    assert (folder / "notes.csv").read_text() == "mine"
 
 
 @pytest.mark.parametrize(
@@ -323,6 +340,7 @@ def test_settings_of_another_kind_are_refused(tmp_path: Path, keys: tuple[str, .
         table = table[key]
     table[keys[-1]] = value
     path.write_text(json.dumps(settings))
+    (tmp_path / RECORD).unlink()
     if value == {"read_s": None}:
         assert Run.load(tmp_path).settings["took"] == value
         return
@@ -357,6 +375,7 @@ def test_run_saved_by_an_earlier_version_opens_and_keeps_the_version_that_made_i
     path = small_run(1.0).save(tmp_path) / "settings.json"
     settings = json.loads(path.read_text(encoding="utf-8")) | {"versions": {"insgnss": "0.1.0"}}
     path.write_text(json.dumps(settings), encoding="utf-8")
+    (tmp_path / RECORD).unlink()
 
     run = Run.load(tmp_path)
 

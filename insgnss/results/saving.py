@@ -277,6 +277,23 @@ def reading(folder: Path) -> Iterator[None]:
                 return
 
 
+def first_changed(folder: Path, names: Iterable[str]) -> Path | None:
+    """Return the first of these files that is not the one that was saved here, None where all are.
+
+    A file that is missing, or of which the folder's record states no hash, is not compared.
+
+    Raises
+    ------
+    OSError : a file cannot be read
+    """
+    entries = _entries(folder)
+    for name in names:
+        told = entries.get(name, {}).get("sha256")
+        if told is not None and (folder / name).is_file() and told != _sha256(folder / name):
+            return folder / name
+    return None
+
+
 def _commit(save: _Save, folder: Path, kind: str) -> None:
     """Declare a save whole, after one that is pending, and move its files to their places."""
     wrote = {

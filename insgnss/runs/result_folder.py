@@ -14,12 +14,12 @@ import pyarrow as pa
 from pandas.api.types import is_bool_dtype, is_numeric_dtype
 
 from insgnss.errors import ResultError
-from insgnss.results.saving import reading
+from insgnss.results.saving import RECORD, first_changed, reading
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"
 COLUMN_TYPES: Final = "columns.json"  # next to tables in CSV, which do not store them
-_SAVE_AGAIN: Final = "save the run again"
+_REPLAY_AGAIN: Final = "replay the flight again: insgnss replay FLIGHT --output FOLDER --force"
 _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
     *("from_state", "to_state", "reason", "event", "supervisor", "verdict", "fault", "axis"),
@@ -75,9 +75,29 @@ def read_run(
         raise ResultError("there is no such folder", file=folder, advice=_nearest_folders(folder))
     try:
         with reading(folder):
-            return _tables(folder, tables, optional), _settings(folder / SETTINGS)
+            found = _tables(folder, tables, optional), _settings(folder / SETTINGS)
+            _require_one_run(folder, tables)
+            return found
     except OSError as error:
         raise ResultError(f"the folder cannot be read: {error.strerror}", file=folder) from error
+
+
+def _require_one_run(folder: Path, tables: Sequence[str]) -> None:
+    """Refuse a folder in which a file is not the one that was saved there with the others.
+
+    Runs of former versions have no record of their files: nothing is compared.
+
+    Raises
+    ------
+    ResultError : a table or the settings are of another run, or were changed
+    """
+    read = (f"{t}.parquet" if (folder / f"{t}.parquet").exists() else f"{t}.csv" for t in tables)
+    if (other := first_changed(folder, (*read, COLUMN_TYPES, SETTINGS))) is not None:
+        raise ResultError(
+            "the file is not the one that was saved with this run: it is of another run, or was changed since",
+            file=other,
+            advice=f"copy the run's whole folder again, with its '{RECORD}'; or {_REPLAY_AGAIN}",
+        )
 
 
 def _nearest_folders(folder: Path) -> str:
@@ -103,7 +123,7 @@ def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dic
         elif name in optional:
             found[name] = None
         else:
-            raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_SAVE_AGAIN)
+            raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_REPLAY_AGAIN)
     return found
 
 
@@ -132,13 +152,13 @@ def _from_csv(path: Path) -> pd.DataFrame:
         raise ResultError(
             f"the table does not match {COLUMN_TYPES} in its folder: {error}",
             file=path,
-            advice=_SAVE_AGAIN,
+            advice=_REPLAY_AGAIN,
         ) from error
 
 
 def _damaged(path: Path, error: Exception) -> NoReturn:
     told = (str(error) or type(error).__name__).splitlines()[0]
-    raise ResultError(f"the file is damaged: {told}", file=path, advice=_SAVE_AGAIN) from error
+    raise ResultError(f"the file is damaged: {told}", file=path, advice=_REPLAY_AGAIN) from error
 
 
 def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
@@ -152,9 +172,9 @@ def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
     is_ours = path.suffix != ".csv" or (path.parent / COLUMN_TYPES).is_file()
     for name in _COLUMNS[path.stem] if is_ours and len(table.columns) else ():
         if name not in table:
-            raise ResultError("the table has no such column", file=path, column=name, advice=_SAVE_AGAIN)
+            raise ResultError("the table has no such column", file=path, column=name, advice=_REPLAY_AGAIN)
     if not table.columns.is_unique:
-        raise ResultError("the table has two columns of one name", file=path, advice=_SAVE_AGAIN)
+        raise ResultError("the table has two columns of one name", file=path, advice=_REPLAY_AGAIN)
     for name in map(str, table.columns):
         if name in _WORDS:
             table = _with_words(table, name, path)
@@ -169,9 +189,9 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
         return table  # a word that no row has
     content = words.cat.categories if isinstance(words.dtype, pd.CategoricalDtype) else words
     if len(content) and not pd.api.types.is_string_dtype(content):
-        raise ResultError("the column does not hold words", file=path, column=name, advice=_SAVE_AGAIN)
+        raise ResultError("the column does not hold words", file=path, column=name, advice=_REPLAY_AGAIN)
     if name in _COLUMNS[path.stem] and words.isna().any():
-        raise ResultError("an empty cell in the column", file=path, column=name, advice=_SAVE_AGAIN)
+        raise ResultError("an empty cell in the column", file=path, column=name, advice=_REPLAY_AGAIN)
     if name in _GROUPED and path.stem != "events" and not isinstance(words.dtype, pd.CategoricalDtype):
         return table.astype({name: "category"})
     return table
@@ -179,14 +199,14 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
 
 def _check_numbers(table: pd.DataFrame, name: str, path: Path) -> None:
     if not is_numeric_dtype(table[name]) or is_bool_dtype(table[name]):
-        raise ResultError("the column does not hold numbers", file=path, column=name, advice=_SAVE_AGAIN)
+        raise ResultError("the column does not hold numbers", file=path, column=name, advice=_REPLAY_AGAIN)
     values = table[name].to_numpy(np.float64)
     bad = ~(np.abs(values) <= _LARGEST.get(name, _LARGEST_OF_OTHERS))  # not a number, too
     if name not in _LARGEST or path.stem not in ("nav", "measurements"):
         bad &= ~np.isnan(values)  # an empty cell; an event of a whole file has no time
     if bad.any():
         told = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
-        raise ResultError(told, file=path, column=name, advice=_SAVE_AGAIN)
+        raise ResultError(told, file=path, column=name, advice=_REPLAY_AGAIN)
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -197,13 +217,13 @@ def _settings(path: Path) -> dict[str, Any]:
     ResultError : the file is missing, is not JSON, or an entry is of another kind
     """
     if not path.is_file():
-        raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_SAVE_AGAIN)
+        raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_REPLAY_AGAIN)
     try:
         settings = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         _damaged(path, error)
     if not isinstance(settings, dict):
-        raise ResultError("the file holds no table of settings", file=path, advice=_SAVE_AGAIN)
+        raise ResultError("the file holds no table of settings", file=path, advice=_REPLAY_AGAIN)
     for keys in _TABLES_OF_SETTINGS:
         _check_entry(settings, keys, path, lambda value: isinstance(value, dict))
     for table in (("took",), ("filter", "gates")):
@@ -234,4 +254,6 @@ def _check_entry(settings: Mapping[str, Any], keys: Sequence[str], path: Path, i
     value = _at(settings, keys)
     if value is not None and not is_right(value):
         key = ".".join(keys)
-        raise ResultError(f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_SAVE_AGAIN)
+        raise ResultError(
+            f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_REPLAY_AGAIN
+        )

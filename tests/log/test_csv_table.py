@@ -98,7 +98,7 @@ def test_lines_above_the_header_are_skipped_and_told_once(
 def test_first_of_two_lines_that_could_be_the_header_is_taken(tmp_path: Path) -> None:
     table = read(tmp_path, ["Serial: 1", HEADER, *ROWS[:50], HEADER, *ROWS[50:]])
     assert table.dialect.header_line == 2 and table.n == 100
-    assert [event.kind for event in table.events] [:2] == ["csv_lines_skipped", "bad_row"]
+    assert [event.kind for event in table.events][:2] == ["csv_lines_skipped", "bad_row"]
 
 
 def test_line_by_number_follows_excel_s_mark(tmp_path: Path) -> None:
