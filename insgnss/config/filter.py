@@ -350,6 +350,7 @@ class Visibility(StrictModel):
 class FilterConfig(StrictModel):
     """A whole filter file."""
 
+    lists_keys = "every key with its meaning: insgnss models filters tight"
     name: str = ""
     based_on: str = Field(
         "",

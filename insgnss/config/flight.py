@@ -280,6 +280,7 @@ NO_WEEK: Final = -1  # left out
 class FlightConfig(StrictModel):
     """A whole flight file. Relative paths are relative to the file itself."""
 
+    lists_keys = "every key with its meaning: docs/flight-file.md"
     name: str = ""
     gps_week: Annotated[int, Field(ge=0, le=9999)] = Field(
         NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"

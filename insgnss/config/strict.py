@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Any, Final, TypeVar, get_args
+from typing import Any, ClassVar, Final, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
@@ -49,6 +49,10 @@ _LARGEST_NUMBER: Final = 1e15
 # a number, as is its square
 _LARGEST_BY_UNIT: Final = {"db": 1e3, "dbhz": 1e3, "dbic": 1e3, "hz": 1e12}
 _LARGEST_OF_OTHERS: Final = 1e9
+# Least likeness (difflib) of a key that is named as the nearest; more of one in another table, where there are hundreds
+# of keys: 'foo' is like 'floor' by 0.75
+_NEAR_HERE: Final = 0.5
+_NEAR_ELSEWHERE: Final = 0.8
 _SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest clock's h_-2
 
 
@@ -56,6 +60,7 @@ class StrictModel(BaseModel):
     """A frozen model that refuses unknown keys, numbers that are not finite, and impossible numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
+    lists_keys: ClassVar[str] = ""  # what lists every key with its meaning
 
     @field_validator("*", mode="after")
     @classmethod
@@ -293,15 +298,17 @@ def _nearest_keys(path: tuple[str, ...], model: type[BaseModel], kind: str | Non
     """Return advice naming the nearest valid keys: first those of this table, then those of other tables."""
     here = _fields_at(path[:-1], model, kind)
     near = [
-        ".".join((*path[:-1], name)) for name in difflib.get_close_matches(path[-1], here, n=1, cutoff=0.5)
+        ".".join((*path[:-1], name))
+        for name in difflib.get_close_matches(path[-1], here, n=1, cutoff=_NEAR_HERE)
     ]
     everywhere = {dotted.rsplit(".", 1)[-1]: dotted for dotted in reversed(_dotted_keys(model))}
-    for leaf in difflib.get_close_matches(path[-1], everywhere, n=2, cutoff=0.6):
+    for leaf in difflib.get_close_matches(path[-1], everywhere, n=2, cutoff=_NEAR_ELSEWHERE):
         if everywhere[leaf] not in near:
             near.append(everywhere[leaf])
     if near:
         return "nearest valid key: " + ", or ".join(f"'{name}'" for name in near)
-    return f"valid here: {', '.join(here)}"
+    lists = f"; {model.lists_keys}" if issubclass(model, StrictModel) and model.lists_keys else ""
+    return f"valid here: {', '.join(here)}{lists}"
 
 
 def _purpose(path: tuple[str, ...], model: type[BaseModel]) -> str:
