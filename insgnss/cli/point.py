@@ -138,7 +138,8 @@ def _error_table(run: PointRun) -> Table:
     table = Table(title="trusted epochs against reference")
     for name in ("", "epochs", "50 %", "95 %", "largest"):
         table.add_column(name, justify="left" if not name else "right")
-    for label, row in run.error_summary().iterrows():
+    summary = run.error_summary()
+    for label, row in summary[summary["n"] > 0].iterrows():  # a reference may have no vertical velocity
         stem, _, unit = str(label).rpartition("_")
         sizes = (f"{row[name]:.3f}" for name in ("p50", "p95", "max"))
         table.add_row(f"{stem}, {'m/s' if unit == 'mps' else unit}", str(int(row["n"])), *sizes)

@@ -204,3 +204,14 @@ def test_reference_with_sigmas_puts_them_beside_the_errors(path: Path) -> None:
     errors = point(stated).errors
     assert errors is not None and (errors["sd_reference_n_m"] == 0.5).all()
     assert errors["sd_reference_e_m"].isna().all()
+
+
+def test_what_the_reference_lacks_has_no_row_in_the_summary(path: Path) -> None:
+    pd.read_csv(path.parent / "reference.csv").drop(columns="vd").to_csv(
+        path.parent / "level.csv", index=False
+    )
+    level = path.with_name("level.toml")
+    level.write_text(path.read_text().replace("reference.csv", "level.csv"))
+    result = CliRunner().invoke(APP, [str(level)])
+    assert result.exit_code == 0 and "vertical, m " in result.output
+    assert "vertical, m/s" not in result.output and "nan" not in result.output
