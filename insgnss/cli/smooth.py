@@ -41,7 +41,11 @@ def smooth(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the filter forward and the smoother back over a flight's logs, for post-processing."""
+    """Run the filter forward and the smoother back over a flight's logs, for post-processing.
+
+    The rows are those of the GNSS epochs: none stands inside an outage. --rate imu, a rate in Hz or --times gives rows
+    at other times, inside outages too.
+    """
     began = time.perf_counter()
     give_back_what_is_freed()
     with own_errors_told(), overwriting(force):

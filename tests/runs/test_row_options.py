@@ -132,3 +132,8 @@ def test_options_that_contradict_each_other_are_an_error() -> None:
         point_of("1,2,x")
     assert point_of("camera") == "camera"
     assert point_of("1,-2.5,3") == [1.0, -2.5, 3.0]
+
+
+def test_help_of_smooth_says_where_its_rows_lie() -> None:
+    told = CliRunner(env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"}).invoke(app, ["smooth", "--help"]).output
+    assert "none stands inside an outage" in told and "--rate imu, a rate in Hz or --times" in told
