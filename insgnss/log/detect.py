@@ -37,6 +37,10 @@ _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
 _RTCM_TRIES: Final = 2000
+_CONTROL: Final = bytes(c for c in (*range(32), 127) if c not in b"\t\n\r\f\x1b")
+_MOST_CONTROL: Final = (
+    0.02  # share of control characters in a text with a few damaged bytes; of random bytes 0.11
+)
 _RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
 _ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
 
@@ -124,6 +128,11 @@ def _looks_like(data: bytes) -> str:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):
         return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
+    if len(data.translate(None, _CONTROL)) < (1.0 - _MOST_CONTROL) * len(data):
+        return (
+            "this is a binary file of no known kind, or a damaged one: convert it to RINEX with the program of the"
+            " receiver's maker"
+        )
     if data[:1] == b"#" or b"," in data[:200]:
         return "this looks like CSV: name it in a flight file with its columns instead"
     return "it has no header of a known format"

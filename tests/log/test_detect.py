@@ -57,9 +57,15 @@ def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format
         (b"$GPGGA,123519,4807.038,N*47\r\n", "NMEA"),
         (b"\xd3\x00\x13\x3e", "RTCM"),
         (b"time_s,sv\n1,G05\n", "CSV"),
-        (b"\x00" * 50, "no header of a known format"),
-        (ubx()[:-1] + b"\x00", "no header of a known format"),
-        (SBF[:-4], "no header of a known format"),
+        (b"time_s,sv\n1,G05\n" * 10 + b"\x00", "CSV"),
+        (b"just words", "no header of a known format"),
+        (b"\x00" * 50, "binary file of no known kind"),
+        (ubx()[:-1] + b"\x00", "binary file of no known kind"),
+        (SBF[:-4], "binary file of no known kind"),
+        (
+            b"JP055RLOGF JPS ALPHA Receiver Log File,\r\n~~005" + bytes(range(256)) * 4,
+            "binary.*RINEX.*u-blox UBX",
+        ),
     ],
 )
 def test_unknown_content_is_refused_with_a_hint(tmp_path: Path, data: bytes, hint: str) -> None:
