@@ -24,6 +24,7 @@ SLOPE_TOLERANCE: Final = 0.15
 CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
 # Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
 JUMP_TOLERANCE: Final = 0.05
+LEAPS: Final = "the clock leaps"  # a finding that begins so is given once
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
 
 
@@ -153,16 +154,31 @@ def jump_findings(pairs: RatePairs, t_ns: Int64, week: int) -> list[Finding]:
 
 
 def clock_jumps(step_m: Float64) -> tuple[Int64, Int64]:
-    """Return where a receiver's clock jumps, and where it leaps and does not, of (n,) steps beyond its drift [m]."""
+    """Return where a receiver's clock jumps, and where it leaps and does not, of (n,) steps beyond its drift [m].
+
+    A leap that the next epoch takes back is one bad epoch and does not count as a jump.
+    """
     beyond = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
-    agree = jumps_that_agree(step_m[beyond])
-    return beyond[agree], beyond[~agree]
+    back = _taken_back(step_m[beyond], beyond)
+    left = beyond[~back]
+    agree = jumps_that_agree(step_m[left])
+    return left[agree], np.sort(np.concatenate((beyond[back], left[~agree])))
+
+
+def _taken_back(size_m: Float64, at: Int64) -> Bool:
+    """Return (n,) which leaps are one of a pair, the second undoing the first at the next epoch."""
+    back = np.zeros(len(size_m), np.bool_)
+    noise_m = np.maximum(CLOCK_JUMP_M, JUMP_TOLERANCE * np.abs(size_m))
+    for k in range(len(size_m) - 1):
+        if not back[k] and at[k + 1] == at[k] + 1 and abs(size_m[k] + size_m[k + 1]) <= noise_m[k]:
+            back[k : k + 2] = True
+    return back
 
 
 def jumps_that_agree(size_m: Float64) -> Bool:
     """Return (n,) which leaps of the clock are jumps of a receiver: all of one sign and size, or multiples of it.
 
-    One alone is a jump; of several that do not agree none is.
+    One alone is a jump; of several, those that agree are jumps if they are more than half of all.
     """
     if len(size_m) < 2:
         return np.ones(len(size_m), np.bool_)
@@ -171,14 +187,14 @@ def jumps_that_agree(size_m: Float64) -> Bool:
     fits = (times >= 1.0) & (off_m <= np.maximum(CLOCK_JUMP_M, JUMP_TOLERANCE * np.abs(size_m[:, None])))
     fits &= np.abs(size_m[:, None]) > 2.0 * CLOCK_JUMP_M  # of a smaller one nearly everything is a multiple
     best = fits[np.argmax(fits.sum(axis=1))]
-    return np.asarray(best if best.sum() > 1 else np.zeros(len(size_m), np.bool_))
+    return np.asarray(best if 2 * best.sum() > len(best) else np.zeros(len(size_m), np.bool_))
 
 
 def leaps_finding(size_m: Float64, where: str = "") -> Finding:
-    """Return what leaps of the clock are that do not agree in size: epochs with a wrong position."""
+    """Return what leaps of the clock are that are not its jumps: epochs with wrong pseudoranges."""
     least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
     text = (
-        f"the clock leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms, no two of one size{where}: bad epochs,"
-        " not jumps of the receiver's clock"
+        f"{LEAPS} {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, back at the next epoch or each time by"
+        " another size: bad epochs, not jumps of the receiver's clock"
     )
     return Finding("warning", "gnss", text, "'insgnss point' shows their residuals")

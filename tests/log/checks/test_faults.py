@@ -73,6 +73,17 @@ def test_fault_that_no_key_mends_is_told_without_a_proposal(name: str, short: Lo
     assert verdict.right, "\n".join(verdict.report.lines())
 
 
+def test_bad_epochs_are_one_warning_and_no_clock_jumps(short: Log, tmp_path: Path) -> None:
+    gnss = short.gnss.copy()
+    epoch = gnss["time_s"].astype(float)
+    for k, off_m in enumerate((1000.0, -700.0, 2500.0, -1800.0, 430.0, -900.0)):
+        bad = (epoch == epoch.iloc[0] + 20.0 * (k + 1)) & (gnss["pseudorange_m"] != "")
+        gnss.loc[bad, "pseudorange_m"] = [f"{float(p) + off_m:.4f}" for p in gnss.loc[bad, "pseudorange_m"]]
+    lines = examine(Flight.load(replace(short, gnss=gnss).write(tmp_path))).lines()
+    assert [line[:7] for line in lines if "leaps 12 time(s)" in line] == ["WARNING"]
+    assert not any("jump(s)" in line or "clock jumps" in line for line in lines)
+
+
 @pytest.mark.parametrize(("left", "until_s"), [(3, 0.0), (2, 15.0)])
 def test_few_satellites_are_no_contradiction(short: Log, tmp_path: Path, left: int, until_s: float) -> None:
     """Three satellites agree on any place: that the tags are wrong cannot be said."""

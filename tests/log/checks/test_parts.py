@@ -10,6 +10,7 @@ from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
+from insgnss.log.checks.rates import jumps_that_agree
 from insgnss.log.checks.time_offset import (
     HOUR_S,
     Timing,
@@ -128,6 +129,24 @@ def test_leaps_that_do_not_agree_in_size_are_bad_epochs() -> None:
 
     assert "left alone" in text and "jump(s) of" not in text
     assert "WARNING" in text and "leaps 6 time(s) by 0.014 to 0.077 ms" in text and "bad epochs" in text
+
+
+BAD_EPOCHS_M = (1000.0, -700.0, 2500.0, -1800.0, 430.0, -900.0)
+
+
+def test_bad_epochs_whose_sizes_agree_by_chance_are_no_jumps() -> None:
+    """900 and 1800 m agree, as 430 and 900 m do: the clock is back at the next epoch each time."""
+    t = np.arange(100.0)
+    off = np.zeros(100)
+    off[10:70:10] = BAD_EPOCHS_M
+    text = clock(50.0 * t + off, np.full(100, 50.0))
+    assert "left alone" in text and "jump(s) of" not in text and "leaps 12 time(s)" in text
+
+
+def test_jumps_are_most_of_the_leaps_that_stay() -> None:
+    sizes = np.array([1000.0, -700.0, 2000.0, -1800.0, -430.0, -1100.0, 3000.0])
+    assert not jumps_that_agree(sizes).any()  # three of seven
+    assert jumps_that_agree(np.array([1000.0, 2000.0, -1800.0])).tolist() == [True, True, False]
 
 
 def test_bad_epoch_among_jumps_is_told_beside_them() -> None:
