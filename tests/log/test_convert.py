@@ -122,7 +122,11 @@ def test_phone_log_becomes_measurements_and_samples(tmp_path: Path) -> None:
     text = (tmp_path / "out" / "flight.toml").read_text()
     assert "# navigation" in text and "DECLARE" in text and "# lever_arm_m" in text
     # CSV has no place for the channels, the flight file has
-    assert Flight.load(tmp_path / "out" / "flight.toml").config.gnss.glonass_channels == {"R02": -4}
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert flight.config.gnss.glonass_channels == {"R02": -4}
+    # it lies flat: gravity's reaction is along its z, out of the screen, which is upwards
+    body = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)[0]
+    assert np.allclose(body.f_b, (0.1, 0.0, -9.8), rtol=0, atol=1e-9)
 
 
 def test_log_without_samples_becomes_a_flight_that_needs_none(tmp_path: Path) -> None:

@@ -28,6 +28,8 @@ _ANGULAR_RATE: Final = (
     ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
     ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
 )
+# Forward, right, down of a phone that lies flat, its top ahead: its axes are x right, y to the top, z out of the screen
+_FLAT: Final = ("+y", "+x", "-z")
 # below, the scatter of single epochs (ms) would give a worse rate than zero
 _DRIFT_FITTED_FROM_S: Final = 60.0
 
@@ -68,7 +70,7 @@ def read_android(path: Path) -> ReceiverLog:
     found = cells(kinds.get("Fix", AndroidLines()))
     told += _refused("Fix", found)
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
-    return ReceiverLog(gnss, None, imu, named, fixes(found))
+    return ReceiverLog(gnss, None, imu, named, fixes(found), imu_axes=_FLAT)
 
 
 def _refused(kind: str, found: AndroidCells) -> list[Event]:
