@@ -115,14 +115,16 @@ def _use(run: Run) -> None:
 def _run(folder: Path, form: str, name: str) -> Target:
     """Return the saved run of which one file is damaged."""
     folder = small_run(seconds=5.0).save(folder / form, form)  # type: ignore[arg-type]
-    sound = (folder / name).read_bytes()
+    sound, record = (folder / name).read_bytes(), (folder / RECORD).read_bytes()
 
     def read(path: Path) -> None:
         (folder / name).write_bytes(path.read_bytes())
+        (folder / RECORD).unlink(missing_ok=True)  # it has the hashes: a damaged run is to be used, too
         try:
             _use(Run.load(folder))
         finally:
             (folder / name).write_bytes(sound)
+            (folder / RECORD).write_bytes(record)
 
     return Target(f"run {name}", [sound], read, 0.2)
 
