@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 from typing import Final, Literal
@@ -128,6 +129,8 @@ def _looks_like(data: bytes) -> str:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):
         return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "this is text in UTF-16: save it in UTF-8"
     if len(data.translate(None, _CONTROL)) < (1.0 - _MOST_CONTROL) * len(data):
         return (
             "this is a binary file of no known kind, or a damaged one: convert it to RINEX with the program of the"
