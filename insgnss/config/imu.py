@@ -80,6 +80,11 @@ class ImuConfig(LogTable):
     )
     grade: str | ImuGrade
 
+    @property
+    def every_file(self) -> tuple[Path, ...]:
+        """The files of both sensors."""
+        return (*self.files, *self.accel_files)
+
     @field_validator("axes", "gyro_axes")
     @classmethod
     def _axes_are_a_signed_permutation(cls, axes: tuple[str, str, str] | None) -> tuple[str, str, str] | None:

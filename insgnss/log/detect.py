@@ -39,9 +39,8 @@ _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
 _RTCM_TRIES: Final = 2000
 _CONTROL: Final = bytes(c for c in (*range(32), 127) if c not in b"\t\n\r\f\x1b")
-_MOST_CONTROL: Final = (
-    0.02  # share of control characters in a text with a few damaged bytes; of random bytes 0.11
-)
+# share of control characters in a text with a few damaged bytes; of random bytes 0.11
+_MOST_CONTROL: Final = 0.02
 _RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
 _ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
 

@@ -198,7 +198,7 @@ class Flight(ResultDisplay):
     def inertial_files(self) -> tuple[Path, ...]:
         """Return the files of the inertial log, none without one."""
         imu = self.config.imu
-        return () if imu is None else (*imu.files, *imu.accel_files)
+        return () if imu is None else imu.every_file
 
     def _hashes(self) -> dict[str, str]:
         return {str(path): sha256(path) for path in self.files()}

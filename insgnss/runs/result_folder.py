@@ -91,7 +91,7 @@ def _require_one_run(folder: Path, tables: Sequence[str]) -> None:
     ------
     ResultError : a table or the settings are of another run, or were changed
     """
-    read = (f"{t}.parquet" if (folder / f"{t}.parquet").exists() else f"{t}.csv" for t in tables)
+    read = (_file_of(folder, name).name for name in tables)
     if (other := first_changed(folder, (*read, COLUMN_TYPES, SETTINGS))) is not None:
         raise ResultError(
             "the file is not the one that was saved with this run: it is of another run, or was changed since",
@@ -115,16 +115,21 @@ def _nearest_folders(folder: Path) -> str:
 def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dict[str, pd.DataFrame | None]:
     found: dict[str, pd.DataFrame | None] = {}
     for name in tables:
-        parquet, csv = folder / f"{name}.parquet", folder / f"{name}.csv"
-        if parquet.exists():
-            found[name] = _checked(_from_parquet(parquet), parquet)
-        elif csv.exists():
-            found[name] = _checked(_from_csv(csv), csv)
+        path = _file_of(folder, name)
+        if path.exists():
+            read = _from_csv if path.suffix == ".csv" else _from_parquet
+            found[name] = _checked(read(path), path)
         elif name in optional:
             found[name] = None
         else:
             raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_REPLAY_AGAIN)
     return found
+
+
+def _file_of(folder: Path, table: str) -> Path:
+    """Return the file of a table: Parquet, or CSV where there is no Parquet."""
+    parquet = folder / f"{table}.parquet"
+    return parquet if parquet.exists() else folder / f"{table}.csv"
 
 
 def _from_parquet(path: Path) -> pd.DataFrame:

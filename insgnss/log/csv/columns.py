@@ -51,12 +51,16 @@ class ColumnSelection:
     @property
     def required(self) -> tuple[str, ...]:
         """The names that the file must have."""
-        return (*self.exact, *self.dates, *self.numeric, *self.text)
+        return (*self._never_optional, *self.chosen)
 
     @property
     def all(self) -> tuple[str, ...]:
         """Every column name that is searched."""
-        return (*self.required, *self.optional, *self.optional_text)
+        return (*self._never_optional, *self.optional, *self.optional_text)
+
+    @property
+    def _never_optional(self) -> tuple[str, ...]:
+        return (*self.exact, *self.dates, *self.numeric, *self.text)
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class CsvRows:
 
 def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict[str, int]:
     """Return the position of each wanted column that the file has."""
-    for name in (*wanted.required, *wanted.chosen):
+    for name in wanted.required:
         if dialect.place(name) is None:
             raise _missing_column(name, dialect, path)
     for name in wanted.all:

@@ -17,9 +17,8 @@ DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ":
 FALLBACK_ENCODING = "cp1252"  # for text that is not UTF-8: spreadsheets write this encoding
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
 _HEADER_WITHIN = 100  # lines: no logger writes a longer preamble
-_SPREADSHEETS_MARK = re.compile(
-    r'"?sep=."?', re.IGNORECASE
-)  # a first line that names the delimiter, of Excel
+# a first line that names the delimiter, of Excel
+_SPREADSHEETS_MARK = re.compile(r'"?sep=."?', re.IGNORECASE)
 _BY_NUMBER = re.compile(r"#([1-9]\d*)")
 _NUMBER_OR_DATE = re.compile(r"[+-]?[.,]?\d")
 
@@ -143,7 +142,7 @@ def _by_the_first_line(lines: list[bytes], wanted: Collection[str], decimal: str
 
     Raises
     ------
-    InputError : there is no such line, or the file is binary
+    InputError : the file holds no header line, or is binary
     """
     numbers = {k for name in wanted if (k := column_number(name)) is not None}
     comment: Dialect | None = None

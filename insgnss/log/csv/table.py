@@ -68,9 +68,7 @@ def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
     ColumnError : a column is missing, or more than 5 % of the rows cannot be read
     """
     buffer = file_buffer(path)
-    dialect = detect_dialect(
-        memoryview(buffer), wanted.all, (*wanted.required, *wanted.chosen), wanted.decimal, path
-    )
+    dialect = detect_dialect(memoryview(buffer), wanted.all, wanted.required, wanted.decimal, path)
     places = column_places(dialect, wanted, path)
     rows = _read_fast(buffer, path, dialect, places, wanted)
     if rows is None:

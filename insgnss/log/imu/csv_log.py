@@ -58,7 +58,7 @@ def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tup
     ConfigError : impossible axes
     """
     mounting_matrix(config)
-    file = ", ".join(map(str, (*config.files, *config.accel_files)))
+    file = ", ".join(map(str, config.every_file))
     raw, events = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     median_ns = float(np.median(step))
@@ -79,7 +79,7 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
     ------
     InputError or a subclass : a file or column is missing or unreadable
     """
-    file = ", ".join(map(str, (*config.files, *config.accel_files)))
+    file = ", ".join(map(str, config.every_file))
     raw, _ = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     own = config.model_copy(update={"axes": ("+x", "+y", "+z"), "gyro_axes": None, "mounting_matrix": None})
