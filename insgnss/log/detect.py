@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import codecs
 import re
 from pathlib import Path
 from typing import Final, Literal
 
 from insgnss.errors import InputError
+from insgnss.log.csv.dialect import UTF16_MARKS
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
 from insgnss.log.novatel.frames import NovatelFrames
@@ -128,7 +128,7 @@ def _looks_like(data: bytes) -> str:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):
         return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if data.startswith(UTF16_MARKS):
         return "this is text in UTF-16: save it in UTF-8"
     if len(data.translate(None, _CONTROL)) < (1.0 - _MOST_CONTROL) * len(data):
         return (

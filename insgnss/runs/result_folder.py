@@ -127,7 +127,7 @@ def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dic
 
 
 def _file_of(folder: Path, table: str) -> Path:
-    """Return the file of a table: Parquet, or CSV where there is no Parquet."""
+    """Return the path of a saved table: its Parquet file if that exists, its CSV file otherwise."""
     parquet = folder / f"{table}.parquet"
     return parquet if parquet.exists() else folder / f"{table}.csv"
 

@@ -15,6 +15,7 @@ COMMENT_MARKS = ("#", "%", "//")
 DELIMITERS = (",", ";", "\t", "|", " ")
 DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "white space"}
 FALLBACK_ENCODING = "cp1252"  # for text that is not UTF-8: spreadsheets write this encoding
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # with which a text in UTF-16 begins
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
 _HEADER_WITHIN = 100  # lines: no logger writes a longer preamble
 # a first line that names the delimiter, of Excel
@@ -132,7 +133,7 @@ def _first_lines(data: memoryview, path: Path) -> list[bytes]:
     head = bytes(data[:_HEAD_BYTES])
     if len(data) > _HEAD_BYTES:
         head = head[: head.rfind(b"\n") + 1] or bytes(data)
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if head.startswith(UTF16_MARKS):
         raise InputError("the file is UTF-16", file=path, advice="save it as CSV in UTF-8")
     return re.split(rb"\r\n|\n|\r", head.removeprefix(codecs.BOM_UTF8))
 
