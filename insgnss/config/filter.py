@@ -313,6 +313,11 @@ class Adaptation(StrictModel):
         8.0,
         description="how long a satellite's range rates keep a noise level of their own; 0: they have none",
     )
+    rate_error_s: NotNegative = Field(
+        3.0,
+        description="how long errors of range rates and carrier differences are taken to last until the residuals"
+        " show it; 0: each epoch's count as new",
+    )
 
 
 class Visibility(StrictModel):

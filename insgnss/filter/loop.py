@@ -13,6 +13,7 @@ from insgnss.filter.headings.headings import (
     is_open_again,
     is_wide,
     needs_pruning,
+    share_noise_levels,
     weigh_headings,
     widest_variance,
 )
@@ -295,6 +296,7 @@ def update_bank(
         bank.state[i].motion_information = done.motion_information if sound else 0.0
     if n > 1:
         weigh_headings(bank, par)
+        share_noise_levels(bank)
     else:
         bank.head[0].log_likelihood += done.log_likelihood
     t_ns = rows.epoch_ns[epoch]

@@ -35,6 +35,7 @@ from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_freely, follow_explained
 from insgnss.filter.update.judging import judge_rows
+from insgnss.filter.update.lasting_errors import follow_lasting_errors
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe, observe_row, place_antenna
 from insgnss.filter.update.range_biases import place_range_biases
@@ -123,7 +124,8 @@ def _judging(
         stands_out: (memory, lines, rows.observation, ANY_N, ANY_X, s.fit, ANY_X),
         find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True),
         judge_rows: (bank, ANY_N, par, lines, rows.observation, ANY_N, s),
-        use_epoch: (P, lines, vectors, par, ANY_X, P, values),
+        follow_lasting_errors: (m, P, memory, s, rows.observation, ANY_N, ANY_N, par),
+        use_epoch: (m, P, lines, vectors, par, ANY_X, P, values),
         leave_contradicted: (P, lines, ANY_N, places, places, ANY_X),
         remove_smallest_set: (P, places, ANY_X, ANY_N),
         few_are_wrong: (P, lines, ANY_N, ANY_X),

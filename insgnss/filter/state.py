@@ -40,12 +40,17 @@ MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 16  # numbers kept of each band of a satellite
+N_MEMORY: Final = 24  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
 DRIFT_FACTOR: Final = 3
 BIAS_FACTOR: Final = 4
+# what shows how long errors last: bands of an epoch, sums of their mean squares and of their squared means, and the
+# weight that what is assumed still has
+BANDS, SQUARES, MEANS, ASSUMED = range(4)
+N_LASTING_SUMS: Final = 4
+ASSUMED_BANDS: Final = 3.0  # that weight at first
 LEVEL_EPOCHS: Final = 5  # for which a level of the settings counts
 
 STATE_NAMES: Final = (
@@ -97,6 +102,7 @@ class StateRecord(Record):
     adapted_count: int
     level_epochs: Annotated[Int64, N_KINDS]  # over how many epochs the level of a kind was learnt
     level_risen: Annotated[Float64, 2]  # by how much an epoch raised one that was settled; 0: it did not
+    lasting: Annotated[Float64, N_KINDS, N_LASTING_SUMS]  # of each kind, see ``lasting_errors``
     explained: Annotated[
         Float64, 2, 3
     ]  # means of the epochs' deviation from the prediction, see ``integrity``
@@ -188,6 +194,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
     state["level_epochs"] = LEVEL_EPOCHS
+    state["lasting"][:, :, ASSUMED] = ASSUMED_BANDS
     memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     P, slow = np.zeros((n_hypotheses, n, n)), no_slow_errors(n)
@@ -225,6 +232,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.noise_factor[i] = source.noise_factor[i]
     for i in range(N_KINDS):
         target.level_epochs[i] = source.level_epochs[i]
+        for j in range(N_LASTING_SUMS):
+            target.lasting[i, j] = source.lasting[i, j]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
     target.swung_ns = source.swung_ns
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (

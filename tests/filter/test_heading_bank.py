@@ -21,13 +21,15 @@ from insgnss.filter.headings.headings import (
     heading_variance,
     is_open_again,
     same_heading,
+    share_noise_levels,
     turn_about,
     widest_variance,
     yaw_variance,
 )
-from insgnss.filter.state import BG, DR, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.state import BG, DR, MEANS, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.geodesy.local_level import up_direction
+from insgnss.gnss.observation_rows import RANGE_RATE
 from tests.layouts import layout_with
 
 LAYOUT = layout_with(n_offsets=1, clone=True)
@@ -219,3 +221,35 @@ def test_heading_that_counts_as_known_is_open_again_where_several_lie_far_apart(
     assert not is_open_again(bank, widest)
     bank.head["heading_open"], bank.head["more_than_headings"] = 0, 1
     assert not is_open_again(bank, widest)
+
+
+def test_headings_share_their_noise_levels() -> None:
+    """One that took an epoch for noise would never be contradicted again; a mean keeps the variance of all."""
+    bank = bank_of([0.0, 40.0, 90.0], 10.0)
+    bank.state["log_weight"] = np.log([0.7, 0.2, 0.1])
+    bank.state["noise_factor"] = [[1.0] * 5, [1.0, 30.0, 1.0, 1.0, 1.0], [2.0, 300.0, 1.0, 1.0, 1.0]]
+    bank.state["lasting"][:, RANGE_RATE, MEANS] = 2.0, 5.0, 20.0
+    share_noise_levels(bank)
+    assert np.allclose(bank.state["noise_factor"], [1.1, 36.7, 1.0, 1.0, 1.0])
+    assert np.allclose(bank.state["lasting"][:, RANGE_RATE, MEANS], 4.4)
+
+
+def test_hypotheses_of_more_than_headings_keep_their_noise_levels() -> None:
+    """There the noise says which of them has the right position; how long errors last is the same for all."""
+    bank = bank_of([0.0, 40.0], 10.0)
+    bank.head["more_than_headings"] = 1
+    bank.state["noise_factor"] = [[1.0] * 5, [9.0] * 5]
+    bank.state["lasting"][:, RANGE_RATE, MEANS] = 2.0, 5.0
+    share_noise_levels(bank)
+    assert np.all(bank.state["noise_factor"] == [[1.0] * 5, [9.0] * 5])
+    assert np.allclose(
+        bank.state["lasting"][:, RANGE_RATE, MEANS], 3.5
+    )  # likelihoods compare only where it is the same
+
+
+def test_lost_heading_has_no_part_in_the_noise_levels() -> None:
+    bank = bank_of([0.0, 40.0], 10.0)
+    bank.state["log_weight"] = [0.0, -np.inf]
+    bank.state["noise_factor"] = [[1.5] * 5, [np.nan] * 5]
+    share_noise_levels(bank)
+    assert np.all(bank.state["noise_factor"][0] == 1.5)

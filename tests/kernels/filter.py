@@ -43,6 +43,7 @@ from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.judging import UpdateOutcome, counted_again
+from insgnss.filter.update.lasting_errors import follow_lasting_errors
 from insgnss.filter.update.masking import MASK, OFF, deweight
 from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.wrong_rates import refuse_repeated
@@ -51,7 +52,7 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, GnssRows, prepare_rows
+from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, RANGE_RATE, GnssRows, prepare_rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
 from tests.filter.scene import at_rest, new_filter, perfect_rows, place, run
@@ -340,6 +341,7 @@ def crowd(noise: float) -> list[Any]:
     made, par = new_bank(1, 0), parameters(layout_with())[0]
     work = new_epoch(10, OFFSETS)._replace(lines=lines)
     par["drift_gate"], par["rate_memory_s"], m, fit = 4.0, 8.0, made.state[0], work.fit
+    par["rate_error_s"], par["rate_error_learnt_s"] = 3.0, 30.0
     observation = np.zeros(10, OBSERVATION_DTYPE)
     observation["slot"] = np.arange(10) * N_BANDS
     found = []
@@ -355,6 +357,7 @@ def crowd(noise: float) -> list[Any]:
         lines["innovation"][4, :2] += second, 1.0
         t_ns = START_NS + second * NS_PER_S
         widen_noisy_rates(P, made.memory[0], lines, observation, t_ns, fit, np.zeros(10), par)
+        follow_lasting_errors(m, P, made.memory[0], work, observation, RANGE_RATE, t_ns, par)
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
         adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
@@ -364,7 +367,7 @@ def crowd(noise: float) -> list[Any]:
             lines["status"][:, kind] = USED
             raise_level(m, P, lines, kind, fit, np.zeros(10), par)
         found += [lines["variance"].copy(), m["level_risen"].copy()]
-    return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
+    return [*found, m["noise_factor"], m["lasting"], m["explained"], made.memory[0, observation["slot"]]]
 
 
 def repeated_rates() -> list[Any]:

@@ -79,7 +79,8 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     calm["suspicion_limit"] = 0.0
     calm["lockout_epochs"] = math.inf
     calm["strain_limit"] = math.inf
-    calm["rate_memory_s"] = 0.0  # no explanation may choose the noise that it is judged by
+    # no explanation may choose the noise that it is judged by
+    calm["rate_memory_s"], calm["rate_error_learnt_s"] = 0.0, math.inf
     return calm
 
 

@@ -11,8 +11,9 @@ from typing import Final
 
 from insgnss.filter.headings.motion import sees_earth_rate
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.state import PSI, Bank, StateRecord
+from insgnss.filter.state import N_FACTORS, N_LASTING_SUMS, PSI, Bank, StateArray, StateRecord
 from insgnss.geodesy.local_level import up_direction
+from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -160,6 +161,34 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
         behind = share * (state[i].log_likelihood - largest)
         state[i].log_weight += behind if all_of_it else math.log(math.exp(behind) + _WRONG_EPOCH)
     normalise_weights(bank)
+
+
+@kernel(inline=True)
+def share_noise_levels(bank: Bank) -> None:
+    """Give all headings the mean of what was learnt of noise: it is the receiver's and the street's, not a heading's.
+
+    Otherwise one that has taken an epoch for noise is never contradicted again, whatever comes, and wins over the one
+    that is right. Hypotheses that differ in more than their headings keep their own levels: there noise tells them
+    apart. How long errors last is the same for all even then: likelihoods compare only where rows count alike.
+    """
+    state = bank.state
+    if state[bank.head[0].leader].log_weight == -math.inf:
+        return
+    for kind in range(N_KINDS):
+        for which in range(N_LASTING_SUMS):
+            share_mean(state, state["lasting"][:, kind, which])
+    for kind in range(N_FACTORS if bank.head[0].more_than_headings == 0 else 0):
+        share_mean(state, state["noise_factor"][:, kind])
+
+
+@kernel(inline=True)
+def share_mean(state: StateArray, values: Float64) -> None:
+    """Replace a number (n,) of all hypotheses by its weighted mean; one that is lost has no part in it."""
+    mean = 0.0
+    for i in range(values.shape[0]):
+        weight = math.exp(state[i].log_weight)
+        mean += weight * values[i] if weight > 0.0 else 0.0
+    values[:] = mean
 
 
 @kernel(inline=True)

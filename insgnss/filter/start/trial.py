@@ -109,6 +109,8 @@ class StartValidation:
         if self._calm(bank, t_ns) and t_ns - self.taken_ns < _CALM_PERIOD_NS:
             return None
         self.taken_ns = t_ns
+        # likelihoods compare only where errors are taken to last as long for all
+        self.bank.state["lasting"] = bank.state["lasting"][bank.head[0].leader]
         self._update(imu, rows, epoch, parameters)
         if self.over:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.far_prior import is_far, observe_nearer
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.judging import UpdateOutcome, gate_carriers, judge_rows
+from insgnss.filter.update.lasting_errors import epochs_of_an_error, follow_lasting_errors
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
@@ -52,6 +54,9 @@ from insgnss.tables import Float64
 
 _OUTAGE_S = 2.5  # without an epoch
 _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
+# -ln of the density of a range rate that stands out, flat over 18 m/s, twice a car's speed in a street, with the
+# sqrt(2 pi) of ``use_rows``
+_REFLECTED: Final = 2.0
 _SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
 
 
@@ -94,9 +99,11 @@ def update_epoch(
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     done = judge_rows(bank, member, par, lines, observation, t_ns, s)
+    if par.at_clone >= 0:
+        follow_lasting_errors(m, P, bank.memory[member], s, observation, CARRIER, t_ns, par)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, no_ranges, no_rates = use_epoch(
-        P, lines, s.vectors, par, since_last, scratch.A, response
+        m, P, lines, s.vectors, par, since_last, scratch.A, response
     )  # the prior is in scratch.A then
     if par.drift_gate > 0.0:
         hold_contradicted(m, bank.memory[member], lines, observation, t_ns)
@@ -185,6 +192,7 @@ def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) 
 
 @kernel(apart=True)
 def use_epoch(
+    m: StateRecord,
     P: Float64,
     lines: Lines,
     vectors: Float64,
@@ -211,15 +219,15 @@ def use_epoch(
             correction[i] = 0.0
         log_likelihood, information = 0.0, 0.0
         for kind in range(N_KINDS):
-            spread = spread_of(par, kind, since_last)
+            spread = spread_of(m, par, kind, since_last)
             of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spread, response)
             log_likelihood += of_kind[0]
             information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
-        no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, since_last)
+        no_ranges = left_out_of(m, PSEUDORANGE, prior, P, lines, correction, par, since_last)
         if response.shape[0] == 0:  # under a wrong heading the right rates contradict each other
-            no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, since_last)
+            no_rates = left_out_of(m, RANGE_RATE, prior, P, lines, correction, par, since_last)
         if no_ranges + no_rates == 0:
             break
         copy_matrix(prior, P)
@@ -230,6 +238,7 @@ def use_epoch(
 
 @kernel(inline=True)
 def left_out_of(
+    m: StateRecord,
     kind: int,
     prior: Float64,
     P: Float64,
@@ -239,15 +248,16 @@ def left_out_of(
     since_last: float,
 ) -> int:
     """Refuse the rows of a kind that the others contradict after an update; return how many."""
-    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(par, kind, since_last)):
+    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(m, par, kind, since_last)):
         return 0
     return int(refuse_inconsistent(prior, lines, kind, par.residual_gate2))
 
 
 @kernel(inline=True)
-def spread_of(par: Parameters, kind: int, since_last: float) -> float:
+def spread_of(m: StateRecord, par: Parameters, kind: int, since_last: float) -> float:
     """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
-    return float(max(1.0, par.kind[kind].correlation / since_last))
+    declared = par.kind[kind].correlation / since_last
+    return float(max(declared, epochs_of_an_error(m, par, kind, since_last)))
 
 
 @kernel(apart=True)
@@ -270,7 +280,8 @@ def use_rows(
     innovation has no positive, finite variance, as the covariance has lost its sign, is refused.
 
     A range rate whose own level L has risen in this epoch (``satellite_noise``) costs 3/2 ln L more. So its density
-    falls with L^-2, as that of Student's t, and no hypothesis gains by noise that follows its own innovation.
+    falls with L^-2, as that of Student's t, and no hypothesis gains by noise that follows its own innovation. It does
+    not fall below that of a reflection, which may have any range rate of a street; nor does that of a refused one.
     """
     total, information = 0.0, 0.0
     ratios, noise = 1.0, 1.0  # products of S / (s r) and of r, whose logarithms are taken once for many
@@ -282,22 +293,26 @@ def use_rows(
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], spread * r, vectors)
             if 0.0 < S < math.inf and math.isfinite(y):
                 keep_gain(vectors, j, kind, P.shape[0])
-                total -= 0.5 * y * y / S
+                information += respond(line, kind, response, vectors) / S
                 ratio = S / (spread * r)
+                if kind == RANGE_RATE and line.extra > line.foreseen:
+                    cost = 0.5 * (y * y / S + math.log(ratio) + math.log(r) / spread)
+                    cost += 1.5 * math.log(r / foreseen_variance(line, kind)) / spread
+                    total -= min(cost, reflection_cost(S) / spread)
+                    continue
+                total -= 0.5 * y * y / S
                 if not (_SMALL < ratios * ratio < _LARGE and _SMALL < noise * r < _LARGE):
                     total -= 0.5 * (math.log(ratios) + math.log(noise) / spread)
                     ratios, noise = 1.0, 1.0
                 ratios *= ratio
                 noise *= r
-                if kind == RANGE_RATE and line.extra > line.foreseen:
-                    total -= 1.5 * math.log(r / foreseen_variance(line, kind)) / spread
-                information += respond(line, kind, response, vectors) / S
             else:
                 line.status[kind] = GATED
         if line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
             S = line.predicted[kind] + line.variance[kind]
-            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0)) / spread
+            cost = 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
+            total -= (reflection_cost(S) if kind == RANGE_RATE else cost) / spread
     return total - 0.5 * (math.log(ratios) + math.log(noise) / spread), information
 
 
@@ -306,6 +321,12 @@ def charge(
 ) -> Float64:
     """Return the terms of ``use_rows`` for rows outside the loop, interpreted: y^2 / S + ln(S / (s r)) + (ln r) / s."""
     return np.asarray(squares + np.log(S / (spread * r)) + np.log(r) / spread)
+
+
+@kernel(inline=True)
+def reflection_cost(S: float) -> float:
+    """Return what a range rate costs that may be anything, within 18 m/s or the sigma of its innovation if wider."""
+    return max(_REFLECTED, 0.5 * math.log(S)) if 0.0 < S < math.inf else _REFLECTED
 
 
 @kernel(inline=True)

@@ -19,6 +19,7 @@ from insgnss.filter.update.gating import (
     shown_clock,
     shown_clock_variance,
 )
+from insgnss.filter.update.lasting_errors import follow_lasting_errors
 from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
@@ -61,6 +62,7 @@ def judge_rows(
         raise_level(m, P, lines, kind, s.fit, values, par)
         if kind == RANGE_RATE:
             widen_noisy_rates(P, memory, lines, observation, t_ns, s.fit, values, par)
+            follow_lasting_errors(m, P, memory, s, observation, RANGE_RATE, t_ns, par)
         step, variance = common_step(lines, kind, values, par.kind[kind].least_step, old)
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, group, step, variance)

@@ -26,6 +26,9 @@ SQUARE, SQUARE_S = 12, 13
 # mean over five seconds of its pseudorange's residual, scaled to the variance r of a single row [m], and the variance
 # of that mean over r (``reflections``)
 REFLECTION, REFLECTION_VARIANCE = 14, 15
+# of range rates, then of carrier differences, from ``LASTING`` on: when [s], means over five seconds of the residual in
+# sigmas and of its square, variance of the first over that of one residual (``lasting_errors``)
+LASTING, N_LASTING = 16, 4
 
 RATE_MEAN_S: Final = 10.0
 FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
