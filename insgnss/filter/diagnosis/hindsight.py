@@ -33,6 +33,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     WIDEST,
     bias_of,
     quiet,
+    with_errors_that_last,
     with_fault,
     without,
 )
@@ -102,7 +103,7 @@ class Hindsight:
         self.setup, self.imu = setup, imu
         self.past, self.stretches = past, tuple(e.alone() for e in past.epochs)
         self.end_ns, self.now_ns = span
-        self.parameters = quiet(parameters)
+        self.parameters = with_errors_that_last(quiet(parameters), past.banks[0])
         largest = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
         self.work = new_workspace(largest, setup.layout, setup.installation, setup.visibility_limits)
         oldest_ns = int(past.banks[0].head[0].now_ns)

@@ -8,9 +8,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, GnssRows
+from insgnss.filter.update.lasting_errors import epochs_of_an_error
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
 from insgnss.inertial.sensor_model import BiasModel, sensor_model
 from insgnss.status import DRIFTING, USED
 
@@ -79,9 +81,22 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     calm["suspicion_limit"] = 0.0
     calm["lockout_epochs"] = math.inf
     calm["strain_limit"] = math.inf
-    # no explanation may choose the noise that it is judged by
-    calm["rate_memory_s"], calm["rate_error_learnt_s"] = 0.0, math.inf
+    calm["rate_memory_s"] = 0.0  # no explanation may choose the noise that it is judged by
     return calm
+
+
+def with_errors_that_last(calm: npt.NDArray[Any], bank: Bank) -> npt.NDArray[Any]:
+    """Return the numbers with errors of rates and carrier differences that last as long as ``bank`` has found.
+
+    Likelihoods compare only where all explanations count errors alike, and so do satellites that are left out.
+    """
+    fixed, lead = calm.copy(), bank.state[bank.head[0].leader]
+    interval_s = int(bank.head[0].epoch_step_ns) / NS_PER_S
+    for kind in (RANGE_RATE, CARRIER) if interval_s > 0.0 else ():
+        found_s = interval_s * epochs_of_an_error(lead, calm[0], kind, interval_s)
+        fixed["kind"]["correlation"][0, kind] = max(calm["kind"]["correlation"][0, kind], found_s)
+    fixed["rate_error_s"] = 0.0
+    return fixed
 
 
 def without(rows: GnssRows, satellites: tuple[int, ...]) -> GnssRows:
