@@ -92,7 +92,7 @@ def test_range_rate_that_stands_out_costs_no_more_than_a_reflection() -> None:
     assert near > far
     assert far == farther
     density = math.exp(far) / math.sqrt(2.0 * math.pi)
-    assert 1.0 / density == pytest.approx(18.5, abs=0.2)  # flat over so many m/s
+    assert 0.1 / density == pytest.approx(18.5, abs=0.3)  # one in ten is a reflection, flat over so many m/s
 
 
 def test_refused_range_rate_costs_what_a_reflection_does() -> None:
