@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.supposed_faults import with_errors_that_last
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.state import OFFSETS, new_bank
 from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_update import spread_of
 from insgnss.filter.update.lasting_errors import epochs_of_an_error, follow_lasting_errors
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, OBSERVATION_DTYPE, PSEUDORANGE, RANGE_RATE
 from insgnss.status import USED
@@ -147,3 +149,27 @@ def test_switched_off_each_error_is_new() -> None:
         receiver.see(np.full(12, 0.2) * (-1.0) ** np.arange(12), 1000.0 + k)
     assert receiver.epochs(1.0) == 1.0
     assert Receiver().epochs(0.1, PSEUDORANGE) == 1.0
+
+
+def test_look_back_counts_errors_as_the_filter_has_found_them_and_learns_nothing_more() -> None:
+    """Whatever an explanation leaves out: only so do the likelihoods of two of them compare."""
+    receiver, rng = Receiver(), np.random.default_rng(8600)
+    error = np.zeros(12)
+    for k in range(60):
+        error = rng.normal(0.0, SIGMA, 12) if k % 4 == 0 else error
+        receiver.see(error, 1000.0 + k)
+    shown = receiver.epochs(1.0)
+    assert shown > 1.3
+    receiver.bank.head["epoch_step_ns"] = NS_PER_S
+    parameters = np.array([receiver.par], PARAMETERS_DTYPE)
+    parameters["kind"]["correlation"][0, PSEUDORANGE] = 2.5
+    fixed = with_errors_that_last(parameters, receiver.bank)[0]
+
+    state = receiver.bank.state[0]
+    assert spread_of(state, fixed, RANGE_RATE, 1.0) == shown
+    assert spread_of(state, fixed, CARRIER, 1.0) == ASSUMED_S
+    assert spread_of(state, fixed, PSEUDORANGE, 1.0) == 2.5
+    assert receiver.par["rate_error_s"] == ASSUMED_S  # the filter's own go on
+    receiver.par = fixed
+    receiver.see(np.full(12, 0.1) * (-1.0) ** np.arange(12), 1060.0)
+    assert spread_of(state, fixed, RANGE_RATE, 1.0) == shown
