@@ -23,8 +23,14 @@ from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
-from insgnss.log.checks.rates import LEAPS
-from insgnss.log.checks.report import CheckReport, Finding, Proposal
+from insgnss.log.checks.report import (
+    AXES_FIT,
+    CLOCK_LEAPS,
+    VERTICAL_AXIS,
+    CheckReport,
+    Finding,
+    Proposal,
+)
 from insgnss.log.checks.sensor_findings import sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack
@@ -90,8 +96,8 @@ def _against_each_other(
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
     track = solve_track(flight, gnss, logs.navigation)
     if track is not None:
-        told = any(finding.text.startswith(LEAPS) for finding in findings)  # by the range rates
-        more += [f for f in clock_findings(track) if not (told and f.text.startswith(LEAPS))]
+        told = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
+        more += [f for f in clock_findings(track) if not (told and f.kind == CLOCK_LEAPS)]
     more += sensor_findings(flight, track, logs.imu)
     if flight.config.imu is None:
         return more, False
@@ -111,14 +117,14 @@ def _against_each_other(
             f"the specific force is {size:.3g} g in the middle of the log: not compared with the satellites"
         )
         return [*more, Finding("warning", "motion", text, "its unit must be known first")], False
-    if any(finding.text.startswith(DEAD) for finding in findings):
+    if any(finding.kind == DEAD for finding in findings):
         text = "a sensor holds its values for most of the log: not compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
     if track is None or len(track.t_s) < MIN_TRACK:
         text = "too few epochs with a position: the inertial log cannot be compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
     motion = _motion(flight, declared, track, gnss)
-    return more + motion, any(finding.text.startswith("the axes fit") for finding in motion)
+    return more + motion, any(finding.kind == AXES_FIT for finding in motion)
 
 
 def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack) -> None:
@@ -189,6 +195,6 @@ def _words(shift_s: int) -> str:
 
 def _cleared(finding: Finding) -> Finding:
     """Return a doubt about axes, raised by gravity at rest alone, as a fact: the motion bears the axes out."""
-    if finding.severity != "warning" or not finding.text.startswith(("f at rest", "f in steady")):
+    if finding.severity != "warning" or finding.kind != VERTICAL_AXIS:
         return finding
     return replace(finding, severity="ok", advice="the motion confirms the axes")

@@ -121,6 +121,7 @@ def test_check_prints_one_json_object(folder: Path) -> None:
 
     assert (read["flight"], read["severity"]) == ("sample flight", "ok")
     assert {finding["topic"] for finding in read["findings"]} >= {"imu", "gnss", "flight"}
+    assert {finding["kind"] for finding in read["findings"]} >= {"axes_fit", "vertical_axis"}
 
 
 def test_point_prints_one_json_object(folder: Path) -> None:

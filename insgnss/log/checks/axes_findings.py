@@ -13,7 +13,7 @@ import numpy as np
 
 from insgnss.log.checks.axis_search import EQUAL, SURE, Match
 from insgnss.log.checks.declaration import AxesDeclaration
-from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.report import AXES_FIT, Finding, Proposal
 from insgnss.log.checks.vehicle_axes import VehicleAxes, contradicted, forward_known, names, strangeness
 from insgnss.tables import Float64
 
@@ -60,7 +60,7 @@ def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
 
 def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
     if not near:
-        return Finding("ok", "motion", f"the axes fit the motion: {shown}")
+        return Finding("ok", "motion", f"the axes fit the motion: {shown}", kind=AXES_FIT)
     advice = "turns with bank or pitch, accelerations and stops would decide"
     if best.cost > SURE:
         text = f"the motion indicates other axes than the declared ones: axes {_listed(near)}"
@@ -68,7 +68,7 @@ def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
     columns = _open_columns(best, near)
     if len(columns) <= MOST_OPEN:
         text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it leaves open"
-        return Finding("ok", "motion", f"{text}: {shown}", advice)
+        return Finding("ok", "motion", f"{text}: {shown}", advice, kind=AXES_FIT)
     text = f"the motion agrees with the axes, but {len(near)} other reading(s) explain it as well"
     return Finding("ok", "motion", f"{text}: axes {_listed(near)}", advice)
 

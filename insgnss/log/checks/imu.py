@@ -8,7 +8,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.log.checks.report import Finding
+from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import GAP_STEPS
 from insgnss.log.imu.windows import ImuWindows, imu_windows
 from insgnss.tables import Bool, Float64, ImuTable, Int64
@@ -128,21 +128,15 @@ def _tilt_finding(f_b: Float64, where: str) -> Finding:
         advice = (
             "turn the sensor's axes into forward-right-down with imu.axes, e.g. ['+x', '-y', '-z'] for z up"
         )
-        return Finding(
-            "warning", "imu", f"{shown} points along +z: upside down, or the z axis points up", advice
-        )
+        text = f"{shown} points along +z: upside down, or the z axis points up"
+        return Finding("warning", "imu", text, advice, kind=VERTICAL_AXIS)
     if axis != 2:
         side = "+" if f_b[axis] > 0.0 else "-"
         text = f"{shown}: the {side}{'xyz'[axis]} axis points up (roll {roll:.1f}, pitch {pitch:.1f} deg)"
-        return Finding(
-            "warning", "imu", text, "right for a vehicle on its tail or side, else exchange imu.axes"
-        )
+        advice = "right for a vehicle on its tail or side, else exchange imu.axes"
+        return Finding("warning", "imu", text, advice, kind=VERTICAL_AXIS)
     text = f"{shown}: roll {roll:.2f}, pitch {pitch:.2f} deg"
     if max(abs(roll), abs(pitch)) > LEVEL_TILT_DEG:
-        return Finding(
-            "warning",
-            "imu",
-            f"{text}: tilted {where}",
-            "give the mounting as imu.mounting_matrix if it is fixed",
-        )
-    return Finding("ok", "imu", text)
+        advice = "give the mounting as imu.mounting_matrix if it is fixed"
+        return Finding("warning", "imu", f"{text}: tilted {where}", advice, kind=VERTICAL_AXIS)
+    return Finding("ok", "imu", text, kind=VERTICAL_AXIS)

@@ -12,7 +12,7 @@ from insgnss.config.log_table import NO_COLUMN
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.report import CLOCK_LEAPS, Finding, Proposal
 from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
@@ -24,7 +24,6 @@ SLOPE_TOLERANCE: Final = 0.15
 CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
 # Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
 JUMP_TOLERANCE: Final = 0.05
-LEAPS: Final = "the clock leaps"  # a finding that begins so is given once
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
 
 
@@ -194,7 +193,7 @@ def leaps_finding(size_m: Float64, where: str = "") -> Finding:
     """Return what leaps of the clock are that are not its jumps: epochs with wrong pseudoranges."""
     least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
     text = (
-        f"{LEAPS} {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, back at the next epoch or each time by"
-        " another size: bad epochs, not jumps of the receiver's clock"
+        f"the clock leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, back at the next epoch or each"
+        " time by another size: bad epochs, not jumps of the receiver's clock"
     )
-    return Finding("warning", "gnss", text, "'insgnss point' shows their residuals")
+    return Finding("warning", "gnss", text, "'insgnss point' shows their residuals", kind=CLOCK_LEAPS)

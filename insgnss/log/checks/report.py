@@ -14,6 +14,11 @@ Severity = Literal["ok", "warning", "error"]
 MARKS: Final[dict[Severity, str]] = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
 
+# kinds of findings that no event tells
+AXES_FIT: Final = "axes_fit"  # the declared axes, as far as the motion shows them
+CLOCK_LEAPS: Final = "clock_leaps"  # bad epochs, not jumps of the receiver's clock
+VERTICAL_AXIS: Final = "vertical_axis"  # which one gravity shows, by itself
+
 Value = str | float | int | tuple[str, ...] | tuple[float, ...]
 
 
@@ -49,6 +54,7 @@ class Finding:
     advice: str = ""
     sure: str = ""
     proposals: tuple[Proposal, ...] = ()
+    kind: str = ""  # by which a program knows it: the kind of the event that it tells, or one of those above
 
     def line(self) -> str:
         """Return the finding on one line, the advice and the proposed keys after an arrow."""
@@ -125,5 +131,5 @@ def from_events(
     for kind, same in kinds.items():
         more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
         severity: Severity = "ok" if kind in notices else "error" if kind in errors else "warning"
-        findings.append(Finding(severity, topic, f"{kind}: {same[0].detail}{more}"))
+        findings.append(Finding(severity, topic, f"{kind}: {same[0].detail}{more}", kind=kind))
     return findings
