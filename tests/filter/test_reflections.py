@@ -28,31 +28,65 @@ def remembered(log: GnssRows, mean_m: Sequence[float], variance: float, since_s:
     return memory
 
 
-@pytest.mark.parametrize(
-    ("mean_m", "since_s", "time_s", "expected_m"),
-    [
-        (5.0, 1.0, 30.0, np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
-        (-5.0, 1.0, 30.0, -np.sqrt(25.0 - 4.0 * 0.1 * 9.0)),
-        (1.8, 1.0, 30.0, 0.0),  # less than chance leaves of noise with a sigma of 3 m
-        (5.0, FORGOTTEN_S + 0.1, 30.0, 0.0),
-        (-np.inf, 1.0, 30.0, 0.0),
-        (5.0, 1.0, 0.0, 0.0),
-    ],
-    ids=("off", "short", "chance", "unseen", "new", "not followed"),
-)
-def test_size_is_what_the_residuals_have_beyond_chance(
-    mean_m: float, since_s: float, time_s: float, expected_m: float
-) -> None:
+NOISE_OF_MEAN, VARIANCE = 0.1, 9.0
+
+
+def found_m(
+    mean_m: Sequence[float], since_s: float = 1.0, time_s: float = 30.0, places: bool = True
+) -> Float64:
+    """Return the sizes (n,) of n satellites' reflections [m] whose residuals had these means so long ago."""
     par = parameters(reflection_rate=1.0 / time_s if time_s else 0.0)[0]
-    log = perfect_rows(new_filter(place(), offsets=()), parameters(), [START_NS], sky(place()))
+    log = perfect_rows(new_filter(place(), offsets=()), parameters(), [START_NS], sky(place())[: len(mean_m)])
+    log.observation["slot"] = np.arange(len(mean_m)) * N_BANDS
     lines = new_epoch(len(log.sat), 20).lines
-    lines["variance"][:, PSEUDORANGE], lines["bias"] = 9.0, 1 + np.arange(len(lines))
-    memory = remembered(log, [mean_m] * len(lines), 0.1, since_s)
-    write_reflections(memory, par, log, 0, lines)
-    np.testing.assert_allclose(lines["reflection"], expected_m)
-    lines["bias"] = 0  # more satellites than places
-    write_reflections(memory, par, log, 0, lines)
-    assert not lines["reflection"].any()
+    lines["variance"][:, PSEUDORANGE], lines["bias"] = VARIANCE, places * (1 + np.arange(len(lines)))
+    lines["reflection"] = 7.0  # of an epoch before
+    write_reflections(remembered(log, mean_m, NOISE_OF_MEAN, since_s), par, log, 0, lines)
+    return np.array(lines["reflection"])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_size_is_what_the_residuals_have_beyond_chance(sign: float) -> None:
+    noise = NOISE_OF_MEAN * VARIANCE
+    sizes = found_m([3.0 * sign, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+    np.testing.assert_allclose(sizes, [sign * np.sqrt(9.0 - 4.0 * noise), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_satellites_that_show_little_are_taken_for_as_bad_as_all_are_on_average() -> None:
+    """Of few satellites the residuals of one that is off are small, and those of the others are not."""
+    mean_m = np.array([6.0, -5.0, 0.5, 4.0, -0.5, 1.0])
+    of_all = np.mean(mean_m**2) - NOISE_OF_MEAN * VARIANCE * (1.0 + 2.0 * np.sqrt(2.0 / 2.0))
+    own = mean_m**2 - 4.0 * NOISE_OF_MEAN * VARIANCE
+    expected = np.copysign(np.sqrt(np.maximum(own, of_all)), mean_m)
+    assert (own < of_all).sum() == 3
+    np.testing.assert_allclose(found_m(mean_m), expected)
+
+
+def test_chance_makes_no_reflections() -> None:
+    """Of means of noise alone, whose common part the residuals have lost, less than a third of the variance is left."""
+    rng, n = np.random.default_rng(8801), 8
+    design = np.column_stack([rng.normal(size=(n, 3)), np.ones(n)])
+    residual = np.eye(n) - design @ np.linalg.pinv(design)
+    sigma = np.sqrt(NOISE_OF_MEAN * VARIANCE)
+    shown = (rng.normal(0.0, sigma, (300, n)) @ residual) / np.sqrt(np.diag(residual))
+    squares = np.mean([np.mean(found_m(mean_m) ** 2) for mean_m in shown])
+    assert squares < sigma**2 / 3.0
+
+
+@pytest.mark.parametrize(
+    ("mean_m", "since_s", "time_s", "places"),
+    [
+        (5.0, FORGOTTEN_S + 0.1, 30.0, True),
+        (-np.inf, 1.0, 30.0, True),
+        (5.0, 1.0, 0.0, True),
+        (5.0, 1.0, 30.0, False),
+    ],
+    ids=("unseen", "new", "switched off", "more satellites than places"),
+)
+def test_what_is_not_followed_has_no_reflection(
+    mean_m: float, since_s: float, time_s: float, places: bool
+) -> None:
+    assert not found_m([mean_m] * 6, since_s, time_s, places).any()
 
 
 def test_bands_of_a_satellite_have_its_errors_and_each_the_size_of_its_own() -> None:
@@ -65,7 +99,8 @@ def test_bands_of_a_satellite_have_its_errors_and_each_the_size_of_its_own() -> 
     assert lines["bias"].tolist() == [1, 2, 1]
     lines["variance"][:, PSEUDORANGE] = 1.0
     write_reflections(remembered(log, [3.0, 4.0, -5.0], 0.0, 1.0), par, log, 0, lines)
-    np.testing.assert_allclose(lines["reflection"], [3.0, 4.0, -5.0])
+    of_all = np.sqrt((9.0 + 16.0 + 25.0) / 3.0)  # without noise nothing is taken off
+    np.testing.assert_allclose(lines["reflection"], [of_all, of_all, -5.0])
 
 
 def test_satellite_that_takes_a_place_leaves_both_errors_of_the_one_before_in_the_remainder() -> None:

@@ -43,14 +43,20 @@ def rates(air_s: float, satellite_s: float, reflection_s: float) -> np.ndarray:
 
 
 def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) -> np.ndarray:
-    """Let the pseudoranges of the first epoch have been off by so much beyond their sigma; return ``size_m``."""
-    variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(len(size_m))
-    memory = bank.memory[0]
+    """Let the pseudoranges of the first epoch have been off by so much beyond their sigma; return what that counts as.
+
+    None counts as less than all that are followed do on average, two sigmas of that average taken off.
+    """
+    k, followed = len(size_m), s.lines["bias"] > 0
+    variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(k)
+    memory, noise = bank.memory[0], NOISE_OF_MEAN * variance
     memory[log.observation["slot"], RANGE_S] = log.epoch_ns[0] * 1e-9
-    shown_m = np.sqrt(size_m**2 + np.where(size_m != 0.0, 4.0 * NOISE_OF_MEAN * variance, 0.0))
-    memory[log.observation["slot"], REFLECTION] = np.copysign(shown_m, size_m)
+    square = size_m**2 + np.where(size_m != 0.0, 4.0 * noise, 0.0)
+    memory[log.observation["slot"], REFLECTION] = np.copysign(np.sqrt(square), size_m)
     memory[log.observation["slot"], REFLECTION_VARIANCE] = NOISE_OF_MEAN
-    return size_m
+    beyond = 1.0 + 2.0 * np.sqrt(2.0 / max(followed.sum() - 4, 1))
+    of_all = np.mean((square - beyond * noise)[followed]) if followed.any() else 0.0
+    return np.copysign(np.sqrt(np.maximum(size_m**2, max(of_all, 0.0))), size_m)
 
 
 def total(slow: SlowErrors) -> np.ndarray:

@@ -63,9 +63,9 @@ def squares(size_m: float, share: float, time_s: float) -> Float64:
 
 
 def test_reflections_of_four_in_ten_are_in_the_sigma() -> None:
-    """Error over sigma is 2.2 with them, 6 to 10 without; one would be right, but gates choose what seems to agree."""
+    """Error over sigma is 1.9 with them, 6 without; one would be right, but gates choose what seems to agree."""
     with_them, without = squares(10.0, 0.4, 30.0), squares(10.0, 0.4, 0.0)
-    assert (with_them < 8.0).all(), with_them
+    assert (with_them < 6.0).all(), with_them
     assert (without > 4.0 * with_them).all(), without
 
 
