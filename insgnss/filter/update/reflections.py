@@ -32,6 +32,7 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.update.integrity import UNKNOWNS
 from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
 from insgnss.kernels.jit import kernel
@@ -39,7 +40,6 @@ from insgnss.tables import Float64
 
 _BY_CHANCE: Final = 4.0  # variances of the mean
 _SIGMAS: Final = 2.0  # of the mean of all squares
-_UNKNOWNS: Final = 4  # which the residuals have lost: position and clock
 
 
 @kernel(inline=True)
@@ -61,7 +61,7 @@ def write_reflections(memory: Float64, par: Parameters, rows: GnssRows, epoch: i
             noise += own[REFLECTION_VARIANCE] * lines[j].variance[PSEUDORANGE]
     if n == 0:
         return
-    of_all = (squares - noise * (1.0 + _SIGMAS * math.sqrt(2.0 / max(n - _UNKNOWNS, 1)))) / n
+    of_all = (squares - noise * (1.0 + _SIGMAS * math.sqrt(2.0 / max(n - UNKNOWNS, 1)))) / n
     for j in range(count):
         own = memory[rows.observation[first + j].slot]
         if is_followed(lines[j], own, now):
