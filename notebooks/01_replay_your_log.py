@@ -14,8 +14,7 @@
 # %% [markdown]
 # # 01 Replay your log
 #
-# **Question.** How do I get a position I can trust out of my own CSV logs, whose columns, units and axes are nobody's
-# standard?
+# **Question.** How do I get a reliable position from my own CSV logs, with their own columns, units and axes?
 #
 # Four steps: say in a flight file what the log does not say itself, let the log be checked, replay it, and look at what
 # the filter thinks of every satellite before believing the result.

@@ -14,8 +14,7 @@
 # %% [markdown]
 # # 04 Tight coupling with three, two, one satellites
 #
-# **Question.** What are three, two, one satellites worth to a tightly coupled filter, compared with none at all, which
-# is what a loosely coupled one makes of them?
+# **Question.** How much do three, two or one satellites help a tightly coupled filter, compared with none?
 #
 # A receiver's own fix needs four satellites. A loosely coupled filter takes fixes, so with three it navigates by
 # inertia alone. A tightly coupled filter takes each satellite for what it says: one range and one range rate along one
