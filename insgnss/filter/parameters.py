@@ -28,7 +28,6 @@ from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
 _KELVIN = 273.15
-_LASTING_LEARNT_S = 30.0
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``GnssRows`` holds their delays
@@ -107,7 +106,6 @@ class Parameters(Record):
     drift_gate: float  # sigmas between fast and slow mean; 0: not tested
     rate_memory_s: float  # of a satellite's own noise level of range rates; 0: it has none
     rate_error_s: float  # for which errors of rates and carrier differences are taken to last; 0: not at all
-    rate_error_learnt_s: float  # over which the residuals show how long they last
     reflected_below_db: float  # [dB]; 0: not tested
     lockout_epochs: float
     strain_limit: float
@@ -215,11 +213,6 @@ def weather_of(use: Measurements) -> Weather:
     return weather_at_sea_level(air.pressure_hpa, kelvin, humidity, air.h_m)
 
 
-def _lasting_errors(adaptation: Adaptation) -> tuple[float, float]:
-    """Return for how long errors of range rates are taken to last, 0 for not at all, and how long that is learnt."""
-    return adaptation.rate_error_s if adaptation.on else 0.0, _LASTING_LEARNT_S
-
-
 def _noise_levels(adaptation: Adaptation) -> tuple[float, float, float, float]:
     """Return gain per second, least and most factor, and the least at rest; gain 0 where the levels are fixed."""
     gain = 1.0 / adaptation.memory_s if adaptation.on else 0.0
@@ -283,7 +276,7 @@ def resolve_parameters(
         (config.faults.residual_sigma or 0.0) ** 2,
         config.faults.drift_sigma or 0.0,
         config.adaptation.rate_memory_s if config.adaptation.on else 0.0,
-        *_lasting_errors(config.adaptation),
+        config.adaptation.rate_error_s if config.adaptation.on else 0.0,
         config.faults.reflected_below_db or 0.0,
         float(config.health.lockout_epochs),
         config.health.strain_nis,

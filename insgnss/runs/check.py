@@ -23,14 +23,7 @@ from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
-from insgnss.log.checks.report import (
-    AXES_FIT,
-    CLOCK_LEAPS,
-    VERTICAL_AXIS,
-    CheckReport,
-    Finding,
-    Proposal,
-)
+from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack

@@ -56,6 +56,14 @@ RANGE_SIGMA_M, RATE_SIGMA_MPS = 1.0, 0.05
 SIGMAS = {DR: 3.0, DV: 0.3, PSI: 0.02, BA: 0.01, BG: 5e-6, CLOCK: 100.0, DRIFT: 3.0, OFFSETS: 20.0}
 
 
+def geometry(azimuth: Float64, elevation: Float64) -> Float64:
+    """Return the rows of H (n, 4) for position or velocity and the clock, of satellites in these directions [rad]."""
+    across = np.cos(elevation)
+    return np.column_stack(
+        [np.cos(azimuth) * across, np.sin(azimuth) * across, -np.sin(elevation), np.ones(len(azimuth))]
+    )
+
+
 class Place(NamedTuple):
     """A point on or above the Earth and what holds there."""
 

@@ -242,9 +242,8 @@ def test_hypotheses_of_more_than_headings_keep_their_noise_levels() -> None:
     bank.state["lasting"][:, RANGE_RATE, MEANS] = 2.0, 5.0
     share_noise_levels(bank)
     assert np.all(bank.state["noise_factor"] == [[1.0] * 5, [9.0] * 5])
-    assert np.allclose(
-        bank.state["lasting"][:, RANGE_RATE, MEANS], 3.5
-    )  # likelihoods compare only where it is the same
+    # likelihoods compare only where it is the same
+    assert np.allclose(bank.state["lasting"][:, RANGE_RATE, MEANS], 3.5)
 
 
 def test_lost_heading_has_no_part_in_the_noise_levels() -> None:

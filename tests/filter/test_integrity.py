@@ -30,6 +30,7 @@ from tests.filter.scene import (
     W_IE_E,
     Result,
     at_rest,
+    geometry,
     new_filter,
     parameters,
     perfect_rows,
@@ -154,8 +155,7 @@ def half_known(rng: np.random.Generator, n: int) -> tuple[EpochWorkspace, Float6
     work = new_epoch(n, OFFSETS)
     lines, unknowns = work.lines, [DR, DR + 1, DR + 2, CLOCK]
     azimuth, sine = rng.uniform(0.0, 2.0 * np.pi, n), np.linspace(0.1, 0.9, n)
-    cosine = np.sqrt(1.0 - sine**2)
-    G = np.column_stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), -sine, np.ones(n)])
+    G = geometry(azimuth, np.arcsin(sine))
     P = np.diag(np.isin(np.arange(OFFSETS), unknowns) * 0.25)
     lines["h"][:, PSEUDORANGE, :4], lines["columns"][:, PSEUDORANGE, :4] = G, unknowns
     lines["count"][:, PSEUDORANGE], lines["status"][:, PSEUDORANGE] = 4, USED

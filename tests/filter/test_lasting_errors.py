@@ -17,6 +17,7 @@ from insgnss.filter.update.lasting_errors import epochs_of_an_error, follow_last
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, OBSERVATION_DTYPE, PSEUDORANGE, RANGE_RATE
 from insgnss.status import USED
 from insgnss.tables import Float64
+from tests.filter.scene import geometry
 
 SIGMA, ASSUMED_S, MEAN_S = 0.05, 3.0, 5.0
 
@@ -26,21 +27,13 @@ class Receiver:
 
     def __init__(self, n: int = 12, assumed_s: float = ASSUMED_S) -> None:
         self.par = np.zeros(1, PARAMETERS_DTYPE)[0]
-        self.par["rate_error_s"], self.par["rate_error_learnt_s"] = assumed_s, 30.0
+        self.par["rate_error_s"] = assumed_s
         self.bank = new_bank(1, 0)
         self.P = 100.0 * np.eye(OFFSETS)
         self.work = new_epoch(n, OFFSETS)
         self.observation = np.zeros(n, OBSERVATION_DTYPE)
         self.observation["slot"] = np.arange(n) * N_BANDS
-        azimuth, elevation = 2.4 * np.arange(n), np.arcsin(0.1 + 0.85 * (np.arange(n) % 5) / 4.0)
-        self.G = np.column_stack(
-            [
-                np.cos(azimuth) * np.cos(elevation),
-                np.sin(azimuth) * np.cos(elevation),
-                -np.sin(elevation),
-                np.ones(n),
-            ]
-        )
+        self.G = geometry(2.4 * np.arange(n), np.arcsin(0.1 + 0.85 * (np.arange(n) % 5) / 4.0))
 
     def see(self, error: Float64, t_s: float, kind: int = RANGE_RATE) -> None:
         """Take an epoch with the errors (n,) in m/s of its rows."""

@@ -14,6 +14,7 @@ from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, RANGE_RATE
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64
+from tests.filter.scene import geometry
 
 SIGMA = 0.05
 MEMORY_S = 8.0
@@ -32,15 +33,7 @@ class Sky:
         self.work = new_epoch(n, OFFSETS)
         self.observation = np.zeros(n, OBSERVATION_DTYPE)
         self.observation["slot"] = np.arange(n) * N_BANDS
-        azimuth, elevation = 2.4 * np.arange(n), np.radians(15.0 + 65.0 * (np.arange(n) % 4) / 3.0)
-        self.G = np.column_stack(
-            [
-                np.cos(azimuth) * np.cos(elevation),
-                np.sin(azimuth) * np.cos(elevation),
-                -np.sin(elevation),
-                np.ones(n),
-            ]
-        )
+        self.G = geometry(2.4 * np.arange(n), np.radians(15.0 + 65.0 * (np.arange(n) % 4) / 3.0))
 
     def levels(self, innovation: Float64, t_s: float) -> Float64:
         """Return each satellite's level after an epoch, and check that its variance is so much larger."""

@@ -45,7 +45,7 @@ def rates(air_s: float, satellite_s: float, reflection_s: float) -> np.ndarray:
 def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) -> np.ndarray:
     """Let the pseudoranges of the first epoch have been off by so much beyond their sigma; return what that counts as.
 
-    None counts as less than all that are followed do on average, two sigmas of that average taken off.
+    Each counts at least as much as the mean square of the followed ones, less two sigmas of that mean.
     """
     k, followed = len(size_m), s.lines["bias"] > 0
     variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(k)

@@ -341,7 +341,7 @@ def crowd(noise: float) -> list[Any]:
     made, par = new_bank(1, 0), parameters(layout_with())[0]
     work = new_epoch(10, OFFSETS)._replace(lines=lines)
     par["drift_gate"], par["rate_memory_s"], m, fit = 4.0, 8.0, made.state[0], work.fit
-    par["rate_error_s"], par["rate_error_learnt_s"] = 3.0, 30.0
+    par["rate_error_s"] = 3.0
     observation = np.zeros(10, OBSERVATION_DTYPE)
     observation["slot"] = np.arange(10) * N_BANDS
     found = []

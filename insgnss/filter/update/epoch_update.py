@@ -215,20 +215,24 @@ def use_epoch(
         vectors[3, i] = response[i]
     no_ranges, no_rates = 0, 0
     log_likelihood, information = 0.0, 0.0
+    spreads = (
+        spread_of(m, par, PSEUDORANGE, since_last),
+        spread_of(m, par, RANGE_RATE, since_last),
+        spread_of(m, par, CARRIER, since_last),
+    )
     for turn in range(2):
         for i in range(n):
             correction[i] = 0.0
         log_likelihood, information = 0.0, 0.0
         for kind in range(N_KINDS):
-            spread = spread_of(m, par, kind, since_last)
-            of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spread, response)
+            of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spreads[kind], response)
             log_likelihood += of_kind[0]
             information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
-        no_ranges = left_out_of(m, PSEUDORANGE, prior, P, lines, correction, par, since_last)
+        no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, spreads[PSEUDORANGE])
         if response.shape[0] == 0:  # under a wrong heading the right rates contradict each other
-            no_rates = left_out_of(m, RANGE_RATE, prior, P, lines, correction, par, since_last)
+            no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, spreads[RANGE_RATE])
         if no_ranges + no_rates == 0:
             break
         copy_matrix(prior, P)
@@ -239,17 +243,16 @@ def use_epoch(
 
 @kernel(inline=True)
 def left_out_of(
-    m: StateRecord,
     kind: int,
     prior: Float64,
     P: Float64,
     lines: Lines,
     correction: Float64,
     par: Parameters,
-    since_last: float,
+    spread: float,
 ) -> int:
     """Refuse the rows of a kind that the others contradict after an update; return how many."""
-    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread_of(m, par, kind, since_last)):
+    if not disagrees(P, lines, kind, correction, par.residual_gate2, spread):
         return 0
     return int(refuse_inconsistent(prior, lines, kind, par.residual_gate2))
 
@@ -299,7 +302,7 @@ def use_rows(
                 if kind == RANGE_RATE and line.extra > line.foreseen:
                     cost = 0.5 * (y * y / S + math.log(ratio) + math.log(r) / spread)
                     cost += 1.5 * math.log(r / foreseen_variance(line, kind)) / spread
-                    total -= min(cost, reflection_cost(S) / spread)
+                    total -= min(cost, reflection_cost(math.log(S)) / spread)
                     continue
                 total -= 0.5 * y * y / S
                 if not (_SMALL < ratios * ratio < _LARGE and _SMALL < noise * r < _LARGE):
@@ -312,8 +315,8 @@ def use_rows(
         if line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
             S = line.predicted[kind] + line.variance[kind]
-            cost = 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
-            total -= (reflection_cost(S) if kind == RANGE_RATE else cost) / spread
+            log_S = math.log(S) if 0.0 < S < math.inf else 0.0
+            total -= (reflection_cost(log_S) if kind == RANGE_RATE else 0.5 * (gate2 + log_S)) / spread
     return total - 0.5 * (math.log(ratios) + math.log(noise) / spread), information
 
 
@@ -325,9 +328,9 @@ def charge(
 
 
 @kernel(inline=True)
-def reflection_cost(S: float) -> float:
-    """Return what a range rate costs that may be anything, within 18 m/s or the sigma of its innovation if wider."""
-    return _ONE_IN_TEN + max(_FLAT, 0.5 * math.log(S) if 0.0 < S < math.inf else 0.0)
+def reflection_cost(log_S: float) -> float:
+    """Return what a range rate costs that may be anything within 18 m/s, or within the sigma sqrt(S) if wider."""
+    return _ONE_IN_TEN + max(_FLAT, 0.5 * log_S)
 
 
 @kernel(inline=True)

@@ -28,13 +28,14 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.state import ASSUMED, BANDS, MEANS, SQUARES, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by
-from insgnss.filter.update.satellite_memory import FORGOTTEN_S, LASTING, N_LASTING
+from insgnss.filter.update.satellite_memory import FORGOTTEN_S, LASTING, N_LASTING, variance_of_mean
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
 
 _MEAN_S: Final = 5.0
+_LEARNT_S: Final = 30.0  # over which residuals show how long errors last
 _LARGEST_SIGMAS: Final = 3.0  # that one residual counts
 _AT, _MEAN, _SQUARE, _VARIANCE = range(N_LASTING)
 
@@ -71,7 +72,7 @@ def follow_lasting_errors(
             squares += own[_SQUARE]
             means += own[_MEAN] * own[_MEAN] / own[_VARIANCE]
             longest = max(longest, since)
-    share, lasting = 1.0 - math.exp(-longest / par.rate_error_learnt_s), m.lasting[kind]
+    share, lasting = 1.0 - math.exp(-longest / _LEARNT_S), m.lasting[kind]
     lasting[BANDS] += share * (bands - lasting[BANDS])
     lasting[SQUARES] += share * (squares - lasting[SQUARES])
     lasting[MEANS] += share * (means - lasting[MEANS])
@@ -89,7 +90,7 @@ def follow_band(own: Float64, z: float, now: float) -> float:
     new = 1.0 - math.exp(-since / _MEAN_S)
     own[_MEAN] += new * (z - own[_MEAN])
     own[_SQUARE] += new * (z * z - own[_SQUARE])
-    own[_VARIANCE] = (1.0 - new) ** 2 * own[_VARIANCE] + new * new
+    own[_VARIANCE] = variance_of_mean(own[_VARIANCE], new)
     return float(since)
 
 

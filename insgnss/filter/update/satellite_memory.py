@@ -91,5 +91,11 @@ def carry_range_means(mean: Float64, value: float, scaled: float, now: float) ->
     fast = 1.0 - math.exp(-since / _FAST_MEAN_S)
     mean[FAST] += fast * (value - mean[FAST])
     mean[REFLECTION] += fast * (scaled - mean[REFLECTION])
-    mean[REFLECTION_VARIANCE] = (1.0 - fast) ** 2 * mean[REFLECTION_VARIANCE] + fast * fast
+    mean[REFLECTION_VARIANCE] = variance_of_mean(mean[REFLECTION_VARIANCE], fast)
     mean[SLOW] += (1.0 - math.exp(-since / _SLOW_MEAN_S)) * (value - mean[SLOW])
+
+
+@kernel(inline=True)
+def variance_of_mean(before: float, new: float) -> float:
+    """Return the variance of a fading mean over that of one value, once a value has entered with the share ``new``."""
+    return (1.0 - new) ** 2 * before + new * new
