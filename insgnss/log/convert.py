@@ -11,7 +11,7 @@ from pathlib import Path
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv
+from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv, write_samples_csv
 from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format, detect_format
 from insgnss.log.first_flight_file import (
@@ -68,7 +68,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         detail = "the phone's satellite states are not written: the navigation files replace them"
         events.append(Event(None, "satellite_states_not_used", detail))
         log = replace(log, gnss=replace(log.gnss, sat=None))
-    copies = _copies(navigation_files)
+    copies = _copies(navigation_files, log)
     there = [name for name, path in copies.items() if _is_same(path, output / name)]
     tables = _names(log, copies)
     flight = output / FLIGHT_FILE
@@ -98,6 +98,7 @@ def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
         *copies,
         *((NAVIGATION_FILE,) if log.navigation is not None else ()),
         *((IMU_FILE,) if log.imu is not None else ()),
+        *(samples.file for samples in log.further),
         *((REFERENCE_FILE,) if log.solution is not None else ()),
     ]
 
@@ -114,6 +115,8 @@ def _write_tables(log: ReceiverLog, folder: Path) -> int:
         messages = write_rinex_navigation(folder / NAVIGATION_FILE, log.navigation, created)
     if log.imu is not None:
         write_imu_csv(folder / IMU_FILE, log.imu, week)
+    for samples in log.further:
+        write_samples_csv(folder / samples.file, samples, week)
     if log.solution is not None:
         write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
     return messages
@@ -141,10 +144,11 @@ def _read(
     return log, list(log.events)
 
 
-def _copies(paths: Sequence[Path]) -> dict[str, Path]:
+def _copies(paths: Sequence[Path], log: ReceiverLog) -> dict[str, Path]:
     """Return the navigation files by the names of their copies, numbered where a name is taken."""
     copies: dict[str, Path] = {}
     taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE}
+    taken |= {samples.file for samples in log.further}
     for number, path in enumerate(paths, 1):
         name = path.name if path.name not in taken else f"{number}_{path.name}"
         taken.add(name)

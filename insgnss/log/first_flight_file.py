@@ -8,6 +8,7 @@ from typing import Final
 
 from insgnss.constants import NS_PER_WEEK
 from insgnss.gpstime import ns_to_datetime
+from insgnss.log.further_samples import BAROMETER, FurtherSamples
 from insgnss.log.own_solution import OWN_SOLUTION
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.satellites import channel_of_name
@@ -36,7 +37,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
     first_ns = log.span_ns()[0]
     when = f"{ns_to_datetime(first_ns):%Y-%m-%d %H:%M:%S} GPS time"
     named = _comment(", ".join(path.name for path in sources))
-    others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE}
+    others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE, *(samples.file for samples in log.further)}
     lines = [
         f"# First flight file, from {named} ({when}).",
         "# DECLARE marks what no log states: complete each of them before you trust a result.",
@@ -46,6 +47,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
         "",
         *_gnss_lines(log, [name for name in written if name not in others]),
         *_reference_lines(log),
+        *(line for samples in log.further for line in _sensor_lines(samples, log)),
     ]
     return "\n".join(lines) + "\n"
 
@@ -97,6 +99,22 @@ def _navigation_line(names: Sequence[str], log: ReceiverLog) -> str:
     if log.gnss.sat is not None:
         return "# The log states where its satellites were: no navigation file is needed."
     return '# navigation = ["..."]  # DECLARE: the log has no broadcast messages; the day\'s RINEX navigation file'
+
+
+def _sensor_lines(samples: FurtherSamples, log: ReceiverLog) -> list[str]:
+    """Return the entry of a further sensor as comments: whether the vehicle disturbs it, its user knows."""
+    lines = ["[[sensor]]", f'kind = "{samples.kind}"', f'files = ["{samples.file}"]']
+    if samples.kind == BAROMETER:
+        why = "Remove the marks below unless the cabin is pressurised."
+    else:
+        why = "Remove the marks below and declare the field, unless steel or motors are near."
+        axes = ", ".join(f'"{axis}"' for axis in log.imu_axes)
+        lines += [
+            f"axes = [{axes}]  # DECLARE: as under [imu]",
+            "declination_deg = 0.0  # DECLARE: of the place and year, by the World Magnetic Model",
+            "horizontal_ut = 20.0  # DECLARE: horizontal intensity, from the same model",
+        ]
+    return ["", f"# The log has a {samples.kind} ({samples.source}). {why}", *(f"# {line}" for line in lines)]
 
 
 def _reference_lines(log: ReceiverLog) -> list[str]:

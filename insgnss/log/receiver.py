@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -9,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from insgnss.errors import InputError
+from insgnss.log.further_samples import FurtherSamples, most_samples
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 
@@ -26,6 +28,7 @@ class ReceiverLog:
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
     # whose place the solution is, unless configured otherwise
     solution_point: Literal["imu", "antenna"] = "antenna"
+    further: tuple[FurtherSamples, ...] = ()  # one of a kind at most
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and last GPS time of the measurements, without any of the samples, else of the solution."""
@@ -47,6 +50,7 @@ def assembled(
     solution: ReferenceTable | None,
     events: list[Event],
     *,
+    further: Sequence[FurtherSamples] = (),
     holder: str,
     advice: str,
 ) -> ReceiverLog:
@@ -56,6 +60,7 @@ def assembled(
     ----------
     raw : a receiver's own bytes or messages, read
     events : of the container; they get its name
+    further : samples of further sensors; of each kind the table with most of them is kept
     holder : what the container is called, as ``advice`` what to record in it, for the error
 
     Raises
@@ -69,7 +74,8 @@ def assembled(
             file=path,
             advice=advice,
         )
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events]
+    samples, told = most_samples(further)
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in (*events, *told)]
     if raw is None:
-        return ReceiverLog(no_measurements(), None, imu, named, solution)
-    return ReceiverLog(raw.gnss, raw.navigation, imu, named + raw.events, solution)
+        return ReceiverLog(no_measurements(), None, imu, named, solution, further=samples)
+    return ReceiverLog(raw.gnss, raw.navigation, imu, named + raw.events, solution, further=samples)

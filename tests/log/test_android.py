@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
+from insgnss.config.sensors import Barometer, Magnetometer
 from insgnss.errors import InputError
 from insgnss.log.android.reader import read_android
+from insgnss.log.convert import convert
+from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.receiver import ReceiverLog
 from insgnss.tables import GnssTable
 from tests.log.android_generator import (
@@ -416,3 +421,62 @@ def test_lines_with_a_wrong_number_of_cells_and_other_kinds_are_told(tmp_path: P
 def test_file_without_raw_measurements_is_a_typed_error(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError):
         read(tmp_path, header=text)
+
+
+MORE = (
+    "# UncalMag,utcTimeMillis,elapsedRealtimeNanos,UncalMagXMicroT,UncalMagYMicroT,UncalMagZMicroT,BiasXMicroT,"
+    "BiasYMicroT,BiasZMicroT\n# Mag,utcTimeMillis,elapsedRealtimeNanos,MagXMicroT,MagYMicroT,MagZMicroT\n"
+    "# Pressure,utcTimeMillis,elapsedRealtimeNanos,PressureHpa\n"
+)
+
+
+def test_pressure_and_field_are_the_logs_further_samples(tmp_path: Path) -> None:
+    start = T + ELAPSED_MINUS_TIME_NS
+    field = [sensor("UncalMag", start + k * 20_000_000, (21.0 + k, -4.5, -38.25)) for k in range(5)]
+    field += [sensor("UncalMag", start + 20_000_000, (9.0, 9.0, 9.0)), f"UncalMag,1,{start},nan,1,2,0,0,0\n"]
+    calibrated = [f"Mag,1,{start},1.0,2.0,3.0\n"]
+    pressure = [f"Pressure,1,{start + k * 40_000_000},{950.125 + k}\n" for k in (2, 0, 1)]
+    log = read(tmp_path, epoch(T, [GPS_5]), *field, *calibrated, *pressure, header=HEADER + MORE)
+    found = {samples.kind: samples for samples in log.further}
+    since_ms = {kind: (each.t_ns - (T - BOOT_FULL_BIAS_NS)) / 1e6 for kind, each in found.items()}
+    assert since_ms["magnetometer"].tolist() == [0, 20, 40, 60, 80]
+    assert found["magnetometer"].values[1].tolist() == [22.0, -4.5, -38.25]
+    assert since_ms["barometer"].tolist() == [0, 40, 80]
+    assert found["barometer"].values[:, 0].tolist() == [950.125, 951.125, 952.125]
+    told = {event.kind: event.detail for event in log.events}
+    assert "UncalMag: 1 sample(s) without" in told["sensor_samples_left_out"]
+    assert "1 with the time of another" in told["sensor_samples_left_out"]
+    assert told["android_lines_not_read"].endswith("lines of other kinds: 1 Mag")
+
+
+def test_pressure_without_its_column_is_named_as_not_read(tmp_path: Path) -> None:
+    log = read(tmp_path, epoch(T, [GPS_5]), "Pressure,1,2,950.0\n")
+    assert not log.further and "1 Pressure" in log.events[-1].detail
+
+
+def test_further_samples_are_written_with_an_entry_that_a_flight_file_takes(tmp_path: Path) -> None:
+    start = T + ELAPSED_MINUS_TIME_NS
+    lines = [f"Pressure,1,{start + k * 200_000_000},{950.125 + k / 64}\n" for k in range(8)]
+    lines += [sensor("UncalMag", start + k * 200_000_000, (21.0, -4.5 - k, -38.25)) for k in range(8)]
+    path = tmp_path / "gnss_log.txt"
+    path.write_text(HEADER + MORE + epoch(T, [GPS_5]) + epoch(T + 10**9, [GPS_5]) + "".join(lines))
+    done = convert([path], tmp_path / "out")
+    names = {written.name for written in done.written}
+    assert {"barometer.csv", "magnetometer.csv"} <= names
+    folder = tmp_path / "out"
+    text = (folder / "flight.toml").read_text()
+    entries = text[text.index("# The log has a") :].splitlines()
+    entry_text = "\n".join(line.removeprefix("# ") for line in entries if "The log has a" not in line)
+    entries_by_kind = {entry["kind"]: entry for entry in tomllib.loads(entry_text)["sensor"]}
+    week = tomllib.loads(text)["gps_week"]
+    for samples in done.log.further:
+        entry = entries_by_kind[samples.kind]
+        entry["files"] = [folder / name for name in entry["files"]]
+        adapter: TypeAdapter[Barometer | Magnetometer] = TypeAdapter(Barometer | Magnetometer)
+        table, events = read_sensor(adapter.validate_python(entry), week)
+        assert not events and np.abs(table.t_ns - samples.t_ns).max() < 1000
+        if samples.kind == "magnetometer":  # to forward, right, down of a flat phone
+            assert table.values[3].tolist() == [-7.5, 21.0, 38.25]
+        else:
+            level_m = 44_330.77 * (1.0 - (950.125 / 1013.25) ** 0.190263)  # standard atmosphere, geopotential
+            assert table.values[0, 0] == pytest.approx(level_m * (1.0 + level_m / 6_356_766.0), abs=0.01)

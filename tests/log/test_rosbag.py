@@ -126,6 +126,18 @@ bool half_cyc
 bool sub_half_cyc
 """
 )
+FIELD = (
+    """std_msgs/Header header
+geometry_msgs/Vector3 magnetic_field
+float64[9] magnetic_field_covariance"""
+    + HEADER
+    + """
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z"""
+)
 STRING, BYTES = "string data", "std_msgs/Header header\nuint8[] message" + HEADER
 
 
@@ -233,6 +245,32 @@ def test_bag_becomes_samples_fixes_and_measurements(tmp_path: Path, compression:
     assert gnss.lli is not None and gnss.lli[:2].tolist() == [0, 2]
     told = {event.kind: event.detail for event in log.events}
     assert "5 /chatter (std_msgs/msg/String)" in told["mcap_not_used"]
+
+
+def test_pressure_and_field_are_the_logs_further_samples(tmp_path: Path) -> None:
+    bag = recorded()
+    head = "std_msgs/Header header\n"
+    for k in range(4):
+        pressure = {"header": header(k), "fluid_pressure": 95_012.5 + k, "variance": 0.0}
+        text = head + "float64 fluid_pressure\nfloat64 variance" + HEADER
+        bag.put("/baro", "sensor_msgs/msg/FluidPressure", text, k, pressure)
+        for topic, count in (("/mag", 4), ("/mag_spare", 2)):
+            field = {
+                "header": header(k),
+                "magnetic_field": {"x": 25e-6, "y": -50e-6, "z": 1e-6 * k},
+                "magnetic_field_covariance": [0.0] * 9,
+            }
+            if k < count:
+                bag.put(topic, "sensor_msgs/msg/MagneticField", FIELD, k, field)
+    log = read(tmp_path, bag.data)
+    found = {samples.kind: samples for samples in log.further}
+    assert found["barometer"].values[:, 0] == pytest.approx([950.125, 950.135, 950.145, 950.155])
+    assert found["magnetometer"].source == "/mag"
+    assert found["magnetometer"].values[3] == pytest.approx([25.0, -50.0, 3.0])
+    assert found["magnetometer"].t_ns[3] == utc_to_ns(UTC) + 3 * 10**9
+    told = {event.kind: event.detail for event in log.events}
+    assert "2 /mag_spare (/mag has more)" in told["sensor_samples_not_used"]
+    assert "/mag" not in told["mcap_not_used"]
 
 
 def test_measurements_of_the_other_driver_are_the_same(tmp_path: Path) -> None:

@@ -85,6 +85,20 @@ def test_samples_are_dated_by_the_messages_of_the_receiver(tmp_path: Path) -> No
     assert "scatter 0.000 s" in told["imu_time_estimated"]
 
 
+def test_pressure_and_field_are_the_logs_further_samples(tmp_path: Path) -> None:
+    log = flown()
+    log.topic("vehicle_air_data", [("uint64_t", "timestamp_sample"), ("float", "baro_pressure_pa")])
+    log.topic("vehicle_magnetometer", [("float[3]", "magnetometer_ga")])
+    for k in range(100):
+        log.row("vehicle_air_data", boot_us(k) + 700, boot_us(k), 95_012.5 + k)
+        log.row("vehicle_magnetometer", boot_us(k), (0.25, -0.5, 0.375))
+    found = {samples.kind: samples for samples in read(tmp_path, log.data).further}
+    pressure, field = found["barometer"], found["magnetometer"]
+    assert pressure.t_ns[5] == pytest.approx(utc_to_ns(UTC) + 5 * 10**9, abs=5000)
+    assert pressure.values[5, 0] == pytest.approx(950.175, abs=1e-9) and len(pressure.t_ns) == 100
+    assert field.values[7].tolist() == [25.0, -50.0, 37.5]
+
+
 def test_topic_is_the_named_one(tmp_path: Path) -> None:
     log = read(tmp_path, flown().data, imu="vehicle_imu")
     assert log.imu is not None and len(log.imu.t_ns) == 100

@@ -20,7 +20,7 @@ from pyarrow import csv
 
 from insgnss.constants import NS_PER_MS
 from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
-from insgnss.tables import Bool, Float64, Int64
+from insgnss.tables import Bool, Event, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
 _TABLE_HEADER: Final = "MessageType,"
@@ -156,3 +156,10 @@ def _table(texts: list[str], width: int) -> tuple[Any, int]:
         convert_options=csv.ConvertOptions(column_types=dict.fromkeys(numbers, pa.string())),
     )
     return table, len(refused)
+
+
+def refused_lines(kind: str, found: AndroidCells) -> list[Event]:
+    """Return the event of the lines that ``cells`` refused, none where there were none."""
+    if not found.refused:
+        return []
+    return [Event(None, "bad_row", f"{found.refused} {kind} line(s) with a wrong number of cells refused")]

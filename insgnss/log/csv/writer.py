@@ -1,4 +1,4 @@
-"""Writes our CSV files, GNSS observations, inertial samples, a reference, so that reading them gives the same numbers.
+"""Writes our CSV files (GNSS observations, samples of sensors, a reference); reading them gives the same numbers.
 
 Numbers are written with as many digits as it takes to get the same float64 back; an empty cell is a missing value.
 """
@@ -15,6 +15,7 @@ from pyarrow import csv
 from insgnss.config.flight import GnssColumns, ReferenceColumns
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.log.further_samples import FurtherSamples
 from insgnss.tables import Float64, GnssTable, ImuTable, ReferenceTable
 
 IMU_COLUMNS: Final = ("time_s", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
@@ -52,6 +53,14 @@ def write_imu_csv(path: Path, imu: ImuTable, week: int) -> None:
     _write(
         path, {name: pa.array(np.ascontiguousarray(v)) for name, v in zip(IMU_COLUMNS, values, strict=True)}
     )
+
+
+def write_samples_csv(path: Path, samples: FurtherSamples, week: int) -> None:
+    """Write one row for each sample of a further sensor."""
+    columns = {"time_s": pa.array(ns_to_week_seconds(samples.t_ns, week))}
+    for name, values in zip(samples.columns, samples.values.T, strict=True):
+        columns[name] = pa.array(np.ascontiguousarray(values))
+    _write(path, columns)
 
 
 def write_reference_csv(path: Path, reference: ReferenceTable, week: int) -> None:

@@ -1,5 +1,6 @@
-"""ROS 2 bags (MCAP) become tables: sensor_msgs/Imu, NavSatFix, and raw GNSS in messages of u-blox drivers or as bytes.
+"""ROS 2 bags (MCAP) become tables: messages of sensor_msgs, and raw GNSS in messages of u-blox drivers or as bytes.
 
+Of sensor_msgs Imu, NavSatFix, FluidPressure and MagneticField are read, of the last two the topic with most messages.
 Raw measurements are read from ublox_msgs/RxmRAWX with RxmSFRBX, ublox_ubx_msgs/UBXRxmRawx with UBXRxmSfrbx, and from
 bytes (std_msgs/UInt8MultiArray, rtcm_msgs/Message, mavros_msgs/RTCM) that are UBX or RTCM 3. All other topics are
 named. An Imu or NavSatFix may also be a field of a driver's own message. Stamps are the computer's UTC: how far they
@@ -18,6 +19,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.gpstime import unix_to_gps_ns
+from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.own_solution import distinct_rows, not_independent, own_reference
 from insgnss.log.receiver import ReceiverLog, assembled
@@ -27,7 +29,9 @@ from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
 
 IMU: Final = "sensor_msgs/msg/Imu"
 FIX: Final = "sensor_msgs/msg/NavSatFix"
-_READ: Final = frozenset((IMU, FIX, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
+PRESSURE: Final = "sensor_msgs/msg/FluidPressure"
+FIELD: Final = "sensor_msgs/msg/MagneticField"
+_READ: Final = frozenset((IMU, FIX, PRESSURE, FIELD, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
 _AXES: Final = ("+x", "-y", "-z")  # forward, left, up -> forward, right, down
 _AXES_DOWN: Final = ("+x", "+y", "+z")
 _UPSIDE_DOWN_MPS2: Final = 5.0  # half of gravity
@@ -69,12 +73,14 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
         raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
         fix_topic = _one(found, "reference", (FIX,), wanted, path)
         own = None if fix_topic is None else _fixes(fix_topic, events)
+        samples = [each for topic in found.values() for each in _further(topic, events)]
     used = {topic.name for topic in (imu_topic, raw_topic, fix_topic, *subframes) if topic is not None}
+    used |= {each.source for each in samples}
     others = [topic for topic in found.values() if topic.name not in used and topic.count]
     if others:
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
     advice = f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
-    log = assembled(path, raw, imu, own, events, holder="bag", advice=advice)
+    log = assembled(path, raw, imu, own, events, further=samples, holder="bag", advice=advice)
     return replace(log, imu_axes=_axes(imu, imu_topic, log.events))
 
 
@@ -140,6 +146,24 @@ def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
         )
         events.append(Event(int(imu.t_ns[0]), "imu_time_estimated", detail))
     return imu
+
+
+def _further(topic: Topic, events: list[Event]) -> list[FurtherSamples]:
+    """Return the samples of a topic of pressures or magnetic fields, none for another topic."""
+    if topic.kind not in (PRESSURE, FIELD):
+        return []
+    messages = topic.decoded(events)
+    t_ns = _times(topic, messages, events)
+    kind: FurtherKind
+    if topic.kind == PRESSURE:
+        kind, values = BAROMETER, 0.01 * np.array([[m.fluid_pressure] for _, m in messages], np.float64)
+    else:
+        fields = [m.magnetic_field for _, m in messages]
+        kind, values = MAGNETOMETER, 1e6 * np.array([(v.x, v.y, v.z) for v in fields], np.float64)
+    dated = t_ns >= 0  # the others have been told
+    found, told = further_samples(kind, topic.name, t_ns[dated], values.reshape(len(t_ns), -1)[dated])
+    events += told
+    return found
 
 
 def _axes(imu: ImuTable | None, topic: Topic | None, events: list[Event]) -> tuple[str, str, str]:

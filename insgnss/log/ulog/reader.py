@@ -1,4 +1,4 @@
-"""PX4's ULog files become tables: inertial samples, the autopilot's solution or its fixes, and raw UBX where dumped.
+"""PX4's ULog files become tables: samples of its sensors, the autopilot's solution or its fixes, raw UBX where dumped.
 
 ``pyulog`` reads the file. PX4 logs raw measurements in ``gps_dump`` alone (parameter GPS_DUMP_COMM), as the receiver
 sent them: UBX is read there. Everything else is counted by its topic. Times count from the autopilot's start; the GPS
@@ -20,6 +20,7 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.boot_time import BootClock, boot_clock
 from insgnss.log.files import file_buffer
+from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.ubx.reader import read_ubx_bytes
@@ -29,7 +30,12 @@ from insgnss.tables import Event, Float64, ImuTable, Int64
 
 INERTIAL: Final = ("vehicle_imu", "sensor_combined", "sensor_gyro")
 DUMP: Final = "gps_dump"
-_USED: Final = frozenset((*INERTIAL, "sensor_accel", DUMP, *FIXES, *SOLUTION))
+# Topics of further sensors, what they measure, their columns, and the unit in that of ``FurtherSamples``
+FURTHER: Final[Mapping[str, tuple[FurtherKind, tuple[str, ...], float]]] = {
+    "vehicle_air_data": (BAROMETER, ("baro_pressure_pa",), 0.01),
+    "vehicle_magnetometer": (MAGNETOMETER, tuple(f"magnetometer_ga[{k}]" for k in "012"), 100.0),
+}
+_USED: Final = frozenset((*INERTIAL, "sensor_accel", DUMP, *FIXES, *SOLUTION, *FURTHER))
 _RELATIVE_MISSING: Final = 2**31 - 1
 _TO_DEVICE: Final = 0x80  # bit of a dump's length: sent to the receiver, not by it
 _AXES: Final = "012"
@@ -65,6 +71,7 @@ def _tables(
     raw, told = _raw(data, path)
     events += told
     imu, own = None, None
+    samples: list[FurtherSamples] = []
     if clock is None:
         events.append(
             Event(None, "ulog_time_unknown", "no GPS message with UTC: inertial samples cannot be dated")
@@ -74,9 +81,11 @@ def _tables(
         events += told
         own, told = solution(data, clock, wanted.get("reference"))
         events += told
+        samples, told = _further(data, clock)
+        events += told
     events += _not_read(wanted, data)
     advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
-    log = assembled(path, raw, imu, own, events, holder="ULog", advice=advice)
+    log = assembled(path, raw, imu, own, events, further=samples, holder="ULog", advice=advice)
     return replace(log, imu_is_mean=True, solution_point="imu")
 
 
@@ -212,6 +221,27 @@ def _combined(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:
     w = _vectors(rows, tuple(f"gyro_rad[{k}]" for k in _AXES))
     f = _vectors(rows, tuple(f"accelerometer_m_s2[{k}]" for k in _AXES))
     return t, w, (t + relative)[has_accel], f[has_accel]
+
+
+def _further(
+    data: Mapping[tuple[str, int], Any], clock: BootClock
+) -> tuple[list[FurtherSamples], list[Event]]:
+    """Return the samples of barometers and magnetometers, a table for each instance."""
+    tables: list[FurtherSamples] = []
+    events: list[Event] = []
+    for (name, instance), rows in data.items():
+        kind, columns, unit = FURTHER.get(name, (BAROMETER, (), 0.0))
+        missing = [column for column in columns if column not in rows]
+        if missing:
+            detail = f"topics not read: {name}, without the column '{missing[0]}'"
+            events.append(Event(None, "ulog_not_used", detail))
+        elif columns:
+            t_us, values = sampled_us(rows), unit * _vectors(rows, columns)
+            near = clock.is_near(t_us)
+            found, told = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
+            tables += found
+            events += told
+    return tables, events
 
 
 # --------------------------------------------------------------------------------------------------------------- raw

@@ -1,0 +1,146 @@
+"""The phone's own sensors: accelerometer and gyroscope as one inertial table, pressure and magnetic field as they are.
+
+All are stamped with the time since the phone started; the measurements' ``ChipsetElapsedRealtimeNanos`` ties it to GPS
+time: a straight line through all epochs. A log without it leaves the phone's own UTC, good to some tens of milliseconds
+at best.
+
+[Android developer reference, SensorEvent]
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_MS, NS_PER_S
+from insgnss.log.android.clock import ReceiverClock
+from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
+from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
+from insgnss.log.imu.sensor_pairs import paired
+from insgnss.tables import Bool, Event, Float64, ImuTable, Int64
+
+# Kinds of line in the order of preference, with the columns of the three axes
+_ACCELERATION: Final = (
+    ("UncalAccel", ("UncalAccelXMps2", "UncalAccelYMps2", "UncalAccelZMps2")),
+    ("Accel", ("AccelXMps2", "AccelYMps2", "AccelZMps2")),
+)
+_ANGULAR_RATE: Final = (
+    ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
+    ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
+)
+INERTIAL_KINDS: Final = frozenset(kind for kind, _ in _ACCELERATION + _ANGULAR_RATE)
+# The calibrated field steps where the phone changes its own estimate of the hard iron; the raw one does not
+_FIELD: Final = (
+    ("UncalMag", ("UncalMagXMicroT", "UncalMagYMicroT", "UncalMagZMicroT")),
+    ("Mag", ("MagXMicroT", "MagYMicroT", "MagZMicroT")),
+)
+# below, the scatter of single epochs (ms) would give a worse rate than zero
+_DRIFT_FITTED_FROM_S: Final = 60.0
+
+
+class PhoneClock:
+    """The phone's time since its start, tied to GPS time by its receiver."""
+
+    def __init__(self, raw: AndroidCells, receiver: ReceiverClock) -> None:
+        self._line = _elapsed_to_gps(raw, receiver)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the measurements state the phone's time since its start."""
+        return self._line is not None
+
+    def times(self, found: AndroidCells) -> tuple[Int64, Bool]:
+        """Return the GPS time of each sample [ns] and where it is known."""
+        elapsed, ticks = found.integers("elapsedRealtimeNanos")
+        if self._line is not None:
+            elapsed_0, gps_0, rate = self._line
+            since = elapsed - elapsed_0
+            return gps_0 + since + np.rint(since * rate).astype(np.int64), ticks
+        utc_ns, given = found.gps_times("utcTimeMillis")
+        ticks &= elapsed > 0
+        if not (given & ticks).any():
+            return utc_ns, given
+        # UTC in whole milliseconds would let samples share a time: the phone's counter is aligned with it on average
+        return elapsed + int(np.median((utc_ns - elapsed)[given & ticks])), ticks
+
+
+def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTable | None, list[Event]]:
+    """Return a row for each gyro sample, the specific force interpolated to it, in the phone's axes."""
+    if not any(kinds.get(kind, AndroidLines()).texts for kind in INERTIAL_KINDS):
+        return None, []
+    events: list[Event] = []
+    if not clock.is_known:
+        detail = "no ChipsetElapsedRealtimeNanos: inertial samples carry the phone's own UTC, some 10 ms wrong or more"
+        events.append(Event(None, "imu_time_uncertain", detail))
+    samples = []
+    for choices in (_ANGULAR_RATE, _ACCELERATION):
+        kind, axes = next((c for c in choices if c[0] in kinds and kinds[c[0]].texts), choices[0])
+        found = cells(kinds.get(kind, AndroidLines()))
+        events += refused_lines(kind, found)
+        t_ns, timed = clock.times(found)
+        values = _vectors(found, axes)
+        if not timed.all():
+            detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
+            events.append(Event(None, "imu_time_unknown", detail))
+        samples.append((t_ns[timed], values[timed]))
+    imu, told = paired(*samples[0], *samples[1], "phone")
+    return imu, events + told
+
+
+def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[FurtherSamples], list[Event]]:
+    """Return the pressure [hPa] and the magnetic field [uT]; the kinds of line are their sources."""
+    field = next((choice for choice in _FIELD if _has(kinds, *choice)), None)
+    chosen: list[tuple[FurtherKind, str, tuple[str, ...]]] = []
+    if field is not None:
+        chosen.append((MAGNETOMETER, *field))
+    for kind, lines in kinds.items():
+        pressure = next((name for name in lines.columns if name.lower().startswith("pressure")), None)
+        if kind.lower().startswith(("press", "baro")) and pressure is not None and lines.texts:
+            chosen.append((BAROMETER, kind, (pressure,)))
+            break
+    tables: list[FurtherSamples] = []
+    events: list[Event] = []
+    for of, kind, columns in chosen:
+        found = cells(kinds[kind])
+        events += refused_lines(kind, found)
+        t_ns, timed = clock.times(found)
+        samples, told = further_samples(of, kind, t_ns, _vectors(found, columns), timed)
+        tables += samples
+        events += told
+    return tables, events
+
+
+def _has(kinds: dict[str, AndroidLines], kind: str, columns: tuple[str, ...]) -> bool:
+    lines = kinds.get(kind, AndroidLines())
+    return bool(lines.texts) and set(map(str.lower, columns)) <= set(map(str.lower, lines.columns))
+
+
+def _vectors(found: AndroidCells, columns: tuple[str, ...]) -> Float64:
+    """Return (n, k) numbers, without a row where the file has no such lines."""
+    if not found.n:
+        return np.zeros((0, len(columns)))
+    return np.stack([found.decimals(name) for name in columns], axis=1)
+
+
+def _elapsed_to_gps(raw: AndroidCells, receiver: ReceiverClock) -> tuple[int, int, float] | None:
+    """Return (elapsed_0, gps_0, rate) with gps = gps_0 + (elapsed - elapsed_0) (1 + rate), None when not known."""
+    elapsed, given = raw.integers("ChipsetElapsedRealtimeNanos")
+    rows = np.flatnonzero(given & receiver.known & (elapsed > 0))
+    if not len(rows):
+        return None
+    elapsed, gps = elapsed[rows], receiver.t_ns[rows]
+    offset = (gps - elapsed) - (gps[0] - elapsed[0])
+    since_s = (elapsed - elapsed[0]) / NS_PER_S
+    good = _without_outliers(offset.astype(np.float64))
+    rate, constant = 0.0, float(np.median(offset[good]))
+    if np.ptp(since_s[good]) > _DRIFT_FITTED_FROM_S:
+        slope, constant = np.polyfit(since_s[good], offset[good].astype(np.float64), 1)
+        rate = float(slope) / NS_PER_S
+    return int(elapsed[0]), int(gps[0]) + round(constant), rate
+
+
+def _without_outliers(values: Float64) -> Bool:
+    """Return which values lie within five robust sigmas of the median, and a millisecond."""
+    deviation = np.abs(values - np.median(values))
+    return np.asarray(deviation <= 5 * 1.4826 * np.median(deviation) + NS_PER_MS)
