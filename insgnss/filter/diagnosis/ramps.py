@@ -18,7 +18,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.witnesses import EpochLog, KindColumns, used_and_refused
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.update.epoch_update import charge
+from insgnss.filter.update.epoch_update import charge, charge_of_refused
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.status import DRIFTING
 from insgnss.tables import Float64
@@ -106,10 +106,11 @@ def of_wrong_rates(written: list[EpochLog], par: Parameters) -> float:
 
 
 def _cost(shown: _SatelliteInnovations, rest: Float64, par: Parameters) -> Float64:
-    """Return the filter's charge for rows with such residuals (``use_rows``), and the gate for the refused."""
+    """Return the filter's charge for rows with such residuals (``use_rows``)."""
     gate2 = par.kind[shown.kind].gate2
     cost = charge(rest**2 / shown.widened, shown.widened, shown.noise, shown.spread)
-    return np.where(rest**2 > gate2 * shown.variance, (gate2 + np.log(shown.variance)) / shown.spread, cost)
+    refused = charge_of_refused(shown.kind, gate2, shown.variance, shown.spread)
+    return np.where(rest**2 > gate2 * shown.variance, refused, cost)
 
 
 def _steps_s(epochs: list[EpochLog]) -> Float64:

@@ -327,6 +327,13 @@ def charge(
     return np.asarray(squares + np.log(S / (spread * r)) + np.log(r) / spread)
 
 
+def charge_of_refused(kind: int, gate2: float, S: Float64, spread: Float64 | float) -> Float64:
+    """Return the terms of ``use_rows`` for rows that it leaves out: twice a reflection's cost, or the gate's, over s."""
+    log_S = np.log(S)
+    reflected = 2.0 * (_ONE_IN_TEN + np.maximum(_FLAT, 0.5 * log_S))
+    return np.asarray((reflected if kind == RANGE_RATE else gate2 + log_S) / spread)
+
+
 @kernel(inline=True)
 def reflection_cost(log_S: float) -> float:
     """Return what a range rate costs that may be anything within 18 m/s, or within the sigma sqrt(S) if wider."""
