@@ -169,6 +169,12 @@ class NavigationData:
     # NaN where not given; (dt)signal = dt - TGD + correction
     inter_signal_s: dict[str, Float64] = field(default_factory=dict)
 
+    @property
+    def has_messages(self) -> bool:
+        """Whether there is a message of any satellite; ionosphere coefficients may stand alone."""
+        states = self.state_vectors
+        return bool(len(self.ephemerides.sv_names)) or (states is not None and bool(len(states.sv_names)))
+
 
 @dataclass(frozen=True)
 class PreciseProducts:

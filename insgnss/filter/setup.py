@@ -174,15 +174,24 @@ class FilterSetup:
         )
 
     @property
+    def lacks_ionosphere(self) -> bool:
+        """Whether no model removes the ionosphere: the settings name none, or its coefficients are not known."""
+        model = self.config.measurements.ionosphere
+        return model == "none" or (model == "klobuchar" and self.klobuchar is None)
+
+    @property
+    def unmodelled_zenith_m(self) -> float:
+        """Sigma of the ionosphere at the zenith where no model and no base station removes it [m], else zero."""
+        return self.slow_sizes.ionosphere if self.lacks_ionosphere else 0.0
+
+    @property
     def slow_sizes(self) -> SlowSizes:
         """The range errors that settings, models, products and a base station leave, and that last for minutes."""
         sizes, model = self.config.slow_errors, self.config.measurements.ionosphere
         share = sizes.with_base_share if self.with_base else 1.0
-        zenith = sizes.ionosphere_zenith_m
-        if model == "none" or (model == "klobuchar" and self.klobuchar is None):
+        zenith = 0.0 if model == "ionosphere_free" else sizes.ionosphere_zenith_m
+        if self.lacks_ionosphere:
             zenith = sizes.no_ionosphere_zenith_m
-        if model == "ionosphere_free":
-            zenith = 0.0
         known, precise = sizes.satellite_m, self.products is not None
         largest = max(known.values(), default=0.0)  # of a constellation that the settings do not name
         satellite = {

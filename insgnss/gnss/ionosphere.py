@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import C_MPS, S_PER_DAY
+from insgnss.constants import C_MPS, S_PER_DAY, WGS84_A_M
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -30,6 +30,7 @@ _BEIDOU_LAYER_M: Final = 375_000.0
 _BEIDOU_LONGEST_PERIOD_S: Final = 172_800.0
 
 _PEAK_HEIGHT_M: Final = 350_000.0  # the model's layer; IS-GPS-200N, 20.3.3.5.2.5
+AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + _PEAK_HEIGHT_M)  # the Earth's radius over the layer's
 _SCALE_HEIGHT_M: Final = 80_000.0  # of the ionised gas above the peak, about 70 to 100 km (Chapman layer)
 
 
@@ -159,3 +160,9 @@ def beidou_delay(
     day = np.abs(after_peak) < 0.25 * period
     vertical = _NIGHT_DELAY_S + np.where(day, amplitude * np.cos(2.0 * math.pi * after_peak / period), 0.0)
     return np.asarray(C_MPS * vertical / np.sqrt(1.0 - cos_at_layer**2))
+
+
+@kernel(inline=True)
+def shell_mapping(sine: float) -> float:
+    """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
+    return 1.0 / math.sqrt(1.0 - AT_SHELL * AT_SHELL * (1.0 - sine * sine))

@@ -22,6 +22,8 @@ from insgnss.log.first_flight_file import (
     REFERENCE_FILE,
     flight_text,
 )
+from insgnss.log.gnss_log import merged
+from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.nav_writer import write_rinex_navigation
@@ -58,16 +60,18 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     formats = tuple((path, detect_format(path)) for path in inputs)
     log, events = _read(formats, LogDeclarations() if declared is None else declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
+    navigation = log.navigation
     if navigation_files:
-        events += read_navigation(navigation_files)[1]
-    if log.navigation is not None and not _has_messages(log):
+        from_files, found = read_navigation(navigation_files, coefficients_suffice=log.gnss.sat is not None)
+        events += found
+        navigation = from_files if navigation is None else merged(from_files, navigation)
+    gnss, found = states_beside(log.gnss, navigation)
+    events += found
+    log = replace(log, gnss=gnss)
+    if log.navigation is not None and not log.navigation.has_messages and gnss.sat is None:
         detail = "no complete ephemeris in the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
-    if log.gnss.sat is not None and (navigation_files or log.navigation is not None):
-        detail = "the phone's satellite states are not written: the navigation files replace them"
-        events.append(Event(None, "satellite_states_not_used", detail))
-        log = replace(log, gnss=replace(log.gnss, sat=None))
     copies = _copies(navigation_files, log)
     there = [name for name, path in copies.items() if _is_same(path, output / name)]
     tables = _names(log, copies)
@@ -120,13 +124,6 @@ def _write_tables(log: ReceiverLog, folder: Path) -> int:
     if log.solution is not None:
         write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
     return messages
-
-
-def _has_messages(log: ReceiverLog) -> bool:
-    navigation = log.navigation
-    return navigation is not None and (
-        len(navigation.ephemerides.sv_names) > 0 or navigation.state_vectors is not None
-    )
 
 
 def _read(

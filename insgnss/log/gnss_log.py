@@ -20,6 +20,7 @@ from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.navigation_span import check_navigation_time
+from insgnss.log.phone_states import states_beside
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.navigation import read_navigation
@@ -54,17 +55,16 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     gnss, events = log.gnss, list(log.events)
     if config.glonass_channels:
         gnss = replace(gnss, glonass_channels=gnss.glonass_channels | config.glonass_channels)
-    navigation = log.navigation if log.navigation is not None and has_messages(log.navigation) else None
+    navigation = log.navigation
     if config.navigation:
-        from_files, found = read_navigation(config.navigation)
+        from_files, found = read_navigation(config.navigation, coefficients_suffice=gnss.sat is not None)
         events += found
         navigation = from_files if navigation is None else merged(from_files, navigation)
     gnss, found = with_slots(gnss, navigation)
     events += found
-    if gnss.sat is not None and config.format == "android" and (navigation is not None or config.precise):
-        detail = "the phone's satellite states are not used: messages or products replace them"
-        events.append(Event(None, "satellite_states_not_used", detail))
-        gnss = replace(gnss, sat=None)
+    if gnss.sat is not None and config.format == "android":
+        gnss, found = states_beside(gnss, navigation, bool(config.precise))
+        events += found
     products = antennas = base = None
     if config.precise:
         products, found = read_precise(config.precise)
@@ -72,9 +72,10 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     if config.antennas is not None:
         antennas, found = read_antennas(config.antennas)
         events += found
-    if gnss.sat is None and navigation is None and products is None:
+    messages = navigation is not None and navigation.has_messages
+    if gnss.sat is None and not messages and products is None:
         raise missing_navigation(flight_file)
-    if gnss.sat is None and navigation is not None and products is None:
+    if gnss.sat is None and navigation is not None and messages and products is None:
         events += check_navigation_time(navigation, gnss.t_ns, config.navigation or config.files)
     if config.base is not None:
         of_base = read_base(config.base, week)
@@ -158,12 +159,6 @@ _READERS: Final[dict[str, Callable[[Path], ReceiverLog]]] = {
     "sbf": read_sbf,
     "android": read_android,
 }
-
-
-def has_messages(navigation: NavigationData) -> bool:
-    """Return whether there is a message of any satellite."""
-    states = navigation.state_vectors
-    return bool(len(navigation.ephemerides.sv_names)) or (states is not None and bool(len(states.sv_names)))
 
 
 def merged(first: NavigationData, second: NavigationData) -> NavigationData:

@@ -96,6 +96,12 @@ def row_corrections(
     model = setup.config.measurements.ionosphere
     navigation = setup.navigation
     ionosphere_l1: Float64 | None = None
+    if model == "klobuchar" and setup.unmodelled_zenith_m > 0.0:
+        detail = (
+            f"no coefficients of the ionosphere model: {setup.unmodelled_zenith_m:g} m at the zenith (one sigma) are"
+            " left in the pseudoranges; name the day's navigation file"
+        )
+        events.append(Event(None, "no_ionosphere_model", detail))
     if model in PREPARED_MODELS:
         if navigation is None:
             raise _no_coefficients(model)
@@ -147,7 +153,6 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
     """
     assert logs.base is not None
     place_e = np.array(pymap3d.geodetic2ecef(base.lat_deg, base.lon_deg, base.h_m))
-    # a log with satellite states of its own leaves the messages to the base
     messages = (
         None if logs.navigation is None else broadcast_messages(logs.navigation, max_age_s=_max_age_s(setup))
     )
@@ -163,8 +168,11 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
         clock_per_signal=not base.same_receiver,
         channels=glonass_channels(logs.base, messages),
     )
-    message = None if logs.gnss.sat is not None else setup.states(logs.gnss, messages).message
-    found = apply(corrections, logs.gnss, message, base.max_age_s)
+    message = setup.states(logs.gnss, messages).message
+    of_messages = bool(
+        (message >= 0).any()
+    )  # else the log states where its satellites were, as the base does
+    found = apply(corrections, logs.gnss, message if of_messages else None, base.max_age_s)
     share = float(np.mean(np.isfinite(found))) if len(found) else 0.0
     if share == 0.0:
         raise _no_corrections(base)

@@ -210,7 +210,8 @@ def solve_rows(
     limits = chi_square_limits(int(np.diff(rows.first).max(initial=0)) + 1, false_alarm)
     out = new_point_log(prepared, len(setup.clock_groups))
     missed_sigmas = NormalDist().inv_cdf(1.0 - missed_detection)
-    solve_epochs(prepared, point_settings(par, setup.ties, MAX_GDOP, missed_sigmas), limits, out)
+    settings = point_settings(par, setup.ties, MAX_GDOP, missed_sigmas, setup.unmodelled_zenith_m)
+    solve_epochs(prepared, settings, limits, out)
     return prepared, limits, at_time_tags(out)
 
 

@@ -34,9 +34,8 @@ def setup_filter(
 
     ``several`` includes the attitude stage of [attitude], as yet without phases.
     """
-    navigation = None if logs.gnss.sat is not None else logs.navigation
     with_carrier = logs.gnss.carrier_cycles is not None
-    setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
+    setup = _setup(flight, config, logs.navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
     seen, base = len(logs.gnss.sv_names), flight.config.gnss.base is not None and logs.base is not None
     setup = replace(setup, products=logs.products, antennas=logs.antennas, n_satellites=seen, with_base=base)
     setup = setup.with_further(*fitted(flight.config, logs))

@@ -12,13 +12,13 @@ import pytest
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.filter.rows.delays import shell_mapping
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import N_CLONE, OFFSETS, Bank, new_bank
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
+from insgnss.gnss.ionosphere import shell_mapping
 from insgnss.gnss.ionosphere_rows import ionosphere_growth
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.range_model import path_delay

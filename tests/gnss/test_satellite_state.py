@@ -198,6 +198,20 @@ def test_states_in_the_log_are_passed_through(table: EphemerisTable, log: GnssTa
     np.testing.assert_allclose(states.acceleration[good], own.acceleration[good], rtol=0, atol=2e-4)
 
 
+def test_row_without_a_state_of_its_own_takes_the_message(table: EphemerisTable, log: GnssTable) -> None:
+    of_messages = satellite_states(log, table)
+    given = np.column_stack([of_messages.sat[:, :6], of_messages.clock_m, of_messages.drift_mps])
+    given[:, 0] += 100.0
+    given[1:4] = np.nan
+    states = satellite_states(replace(log, sat=given), table)
+    empty = np.isnan(given[:, 0])
+    assert (states.status == USED).all()
+    np.testing.assert_array_equal(states.message >= 0, empty)
+    np.testing.assert_array_equal(states.sat[empty], of_messages.sat[empty])
+    np.testing.assert_array_equal(states.clock_m[empty], of_messages.clock_m[empty])
+    np.testing.assert_array_equal(states.position[~empty], given[~empty, :3])
+
+
 def test_log_without_navigation_data_has_no_states(log: GnssTable) -> None:
     states = satellite_states(log, None)
     assert set(states.status) == {NO_EPHEMERIS}

@@ -71,6 +71,7 @@ def log_of_epochs() -> list[Any]:
         100.0,
         3.0,
         Ties(np.array([-1, 0]), 4e-4),
+        0.5,
     )
     out = new_point_log(rows, 2)
     solve_epochs(rows, settings, chi_square_limits(n + 1, 1e-3), out)

@@ -11,9 +11,11 @@ from typer.testing import CliRunner
 
 from insgnss.cli.convert import convert as command
 from insgnss.errors import ConfigError, InputError
+from insgnss.log.android.coefficients import COLUMNS
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
@@ -138,7 +140,7 @@ def test_log_without_samples_becomes_a_flight_that_needs_none(tmp_path: Path) ->
         flight.read()
 
 
-def test_satellite_states_of_a_phone_are_written_unless_there_are_messages(tmp_path: Path) -> None:
+def test_satellite_states_of_a_phone_are_written_where_no_message_serves(tmp_path: Path) -> None:
     names = [f"SvPositionEcef{a}Meters" for a in "XYZ"] + [f"SvVelocityEcef{a}MetersPerSecond" for a in "XYZ"]
     names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond"]
     header = ANDROID_HEADER.replace(
@@ -148,10 +150,37 @@ def test_satellite_states_of_a_phone_are_written_unless_there_are_messages(tmp_p
     (tmp_path / "log").write_text(header + line)
     convert([tmp_path / "log"], tmp_path / "out")
     assert read_again(tmp_path / "out")[1].sat is not None
-    (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message())
-    done = convert([tmp_path / "log", tmp_path / "brdc.rnx"], tmp_path / "other")
-    assert read_again(tmp_path / "other")[1].sat is None
-    assert [e.kind for e in done.events] == ["satellite_states_not_used"]
+    of_the_day = {"toc": "2024 05 17 16 00 00", "toe": 489_600.0, "week": 2314.0}
+    for case, entry in (("served", of_the_day), ("another_day", {})):
+        (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message(**entry))
+        done = convert([tmp_path / "log", tmp_path / "brdc.rnx"], tmp_path / case)
+        sat, kinds = read_again(tmp_path / case)[1].sat, [e.kind for e in done.events]
+        if case == "served":
+            assert sat is None and kinds == ["satellite_states_not_used"]
+        else:
+            assert sat is not None and sat[0, :3].tolist() == [1.5e7, 1.6e7, 1.7e7]
+            assert kinds == ["satellite_states_beside"] and "1 rows of G" in done.events[0].detail
+
+
+def test_coefficients_of_a_phone_are_written_with_its_states(tmp_path: Path) -> None:
+    names = [f"SvPositionEcef{a}Meters" for a in "XYZ"] + [f"SvVelocityEcef{a}MetersPerSecond" for a in "XYZ"]
+    names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond", *COLUMNS]
+    header = ANDROID_HEADER.replace(
+        ",ChipsetElapsedRealtimeNanos", ",ChipsetElapsedRealtimeNanos," + ",".join(names)
+    )
+    told = "1.5e-8,0.0,-1.25e-7,1.25e-7,122880.0,-32768.0,-196608.0,-65536.0"
+    states = "1.5e7,1.6e7,1.7e7,10.0,20.0,30.0,1000.0,0.01"
+    lines = [
+        android_epoch(T + k * 10**9, [SKY["G05", "C1C"]]).rstrip() + f",{states},{cells}\n"
+        for k, cells in enumerate([",".join(["0.0"] * 8), told, told, "," * 7])
+    ]
+    (tmp_path / "log").write_text(header + "".join(lines))
+    assert not convert([tmp_path / "log"], tmp_path / "out").events
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    logs = read_gnss_logs(flight.config.gnss, flight.config.gps_week, flight.path)
+    assert logs.navigation is not None and logs.navigation.klobuchar is not None
+    assert logs.navigation.klobuchar == pytest.approx([float(x) for x in told.split(",")], rel=1e-4)
+    assert logs.gnss.sat is not None and not logs.navigation.has_messages
 
 
 def test_septentrio_log_of_samples_and_solution_alone_is_converted(tmp_path: Path) -> None:

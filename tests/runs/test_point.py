@@ -71,6 +71,26 @@ def test_columns_agree_with_each_other(run: PointRun) -> None:
     assert (tested == (table["verdict"] == "ok")).all()
 
 
+def test_ionosphere_that_no_model_removes_is_in_sigmas_and_protection_levels(
+    tmp_path: Path, run: PointRun
+) -> None:
+    """A row's variance grows by (5 m of zenith delay times the thin shell's mapping)^2; an event says so."""
+    path = write_flight(tmp_path, turns(DURATION_S))
+    nav = path.parent / "nav.rnx"
+    nav.write_text(nav.read_text().replace("IONOSPHERIC CORR", "COMMENT         "))
+    bare = point(path)
+    rows = bare.residuals.merge(
+        run.residuals, on=["time_s", "sv", "signal", "kind"], suffixes=("", "_modelled")
+    )
+    rows = rows[(rows["kind"] == "pseudorange") & (rows["status"] == "used")]
+    cosine = np.cos(np.radians(rows["el_deg"])) * 6_378_137.0 / 6_728_137.0
+    grown = np.hypot(rows["sd_modelled"], 5.0 / np.sqrt(1.0 - cosine**2))
+    np.testing.assert_allclose(rows["sd"], grown, rtol=1e-4)
+    assert (bare.point["vpl_m"] > 2.0 * run.point["vpl_m"]).all()
+    assert "no_ionosphere_model" in set(bare.events["kind"])
+    assert "no_ionosphere_model" not in set(run.events["kind"])
+
+
 def test_every_value_of_the_log_has_its_row(run: PointRun, path: Path) -> None:
     cells = pd.read_csv(path.parent / "gnss.csv")
     filled = int(cells["pseudorange_m"].notna().sum() + cells["doppler_hz"].notna().sum())

@@ -21,22 +21,20 @@ noise; over minutes it is what J, seen by the codes with the other sign, takes u
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
-from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.gnss.ionosphere import shell_mapping
 from insgnss.gnss.observation_rows import GnssRows, Observation
 from insgnss.gnss.range_model import place_air, slant_changes
 from insgnss.gnss.troposphere import Weather
 from insgnss.kernels.jit import kernel
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
-AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
 
 
 @kernel(inline=True)
@@ -80,12 +78,6 @@ def row_delays(rows: GnssRows, par: Parameters, row: Observation, s: EpochWorksp
     if par.at_ionosphere >= 0:
         a.shell = shell_mapping(-line.u_n[2])
         a.shell_grown = a.shell - shell_mapping(-earlier[2])
-
-
-@kernel(inline=True)
-def shell_mapping(sine: float) -> float:
-    """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
-    return 1.0 / math.sqrt(1.0 - AT_SHELL * AT_SHELL * (1.0 - sine * sine))
 
 
 @kernel(inline=True)

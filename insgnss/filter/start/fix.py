@@ -129,11 +129,16 @@ def point_rows(rows: GnssRows, par: Parameters, first: int, last: int) -> PointR
 
 
 def point_settings(
-    par: Parameters, ties: Ties, max_gdop: float, missed_sigmas: float = math.nan
+    par: Parameters,
+    ties: Ties,
+    max_gdop: float,
+    missed_sigmas: float = math.nan,
+    unmodelled_zenith_m: float = 0.0,
 ) -> PointSettings:
     """Return masks, air and noise of the filter's parameters for the point solution.
 
     ``missed_sigmas`` is the normal quantile of a missed detection; without it there are no protection levels.
+    ``unmodelled_zenith_m`` is the sigma of an ionosphere that no model removes.
     """
 
     def noise(kind: int) -> tuple[float, float, float, float]:
@@ -150,4 +155,5 @@ def point_settings(
         max_gdop=max_gdop,
         missed_sigmas=missed_sigmas,
         ties=ties,
+        unmodelled_zenith_m=unmodelled_zenith_m,
     )

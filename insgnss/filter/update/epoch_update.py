@@ -328,7 +328,7 @@ def charge(
 
 
 def charge_of_refused(kind: int, gate2: float, S: Float64, spread: Float64 | float) -> Float64:
-    """Return the terms of ``use_rows`` for rows that it leaves out: twice a reflection's cost, or the gate's, over s."""
+    """Return the terms of ``use_rows`` for rows that it leaves out: twice a reflection's cost or the gate's, over s."""
     log_S = np.log(S)
     reflected = 2.0 * (_ONE_IN_TEN + np.maximum(_FLAT, 0.5 * log_S))
     return np.asarray((reflected if kind == RANGE_RATE else gate2 + log_S) / spread)

@@ -27,7 +27,6 @@ import numpy as np
 
 from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.delays import AT_SHELL, shell_mapping
 from insgnss.filter.rows.lines import GAIN_ROWS, EpochWorkspace, Line, Lines
 from insgnss.filter.state import (
     CLOCK,
@@ -43,6 +42,7 @@ from insgnss.filter.state import (
 from insgnss.filter.update.range_biases import error_at
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
+from insgnss.gnss.ionosphere import AT_SHELL, shell_mapping
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED

@@ -80,9 +80,10 @@ def satellite_states(
     """Return the satellite state of every row of a log.
 
     The message is chosen by the rule of ``ephemeris_choice``: nearest toe among the healthy ones within their
-    validity. States in the log itself are passed through, clock included, without group delay. A row
-    whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL; a GLONASS
-    row whose channel neither the messages nor the log state keeps both, and the status NO_CHANNEL.
+    validity. States in the log itself are passed through, clock included, without group delay; rows that have none
+    take the messages. A row whose signal is unknown keeps its orbit and a clock without group delay, and the status
+    UNKNOWN_SIGNAL; a GLONASS row whose channel neither the messages nor the log state keeps both, and the status
+    NO_CHANNEL.
 
     Parameters
     ----------
@@ -91,8 +92,9 @@ def satellite_states(
     max_age_s : largest distance from toe [s], in place of the messages' own validity
     galileo_message : "INAV" or "FNAV", the one preferred
     """
-    if gnss.sat is not None:
-        return _passed_through(gnss.sat)
+    given = None if gnss.sat is None else _passed_through(gnss.sat)
+    if given is not None and (nav is None or not (given.status == NO_EPHEMERIS).any()):
+        return given
     if nav is None:
         return no_states(len(gnss.t_ns))
     if not isinstance(nav, BroadcastMessages):
@@ -108,6 +110,11 @@ def satellite_states(
     flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)
     broadcast_states(t_ns, sv, signal, tau, of_sv, signals, nav.index, states)
     leave_out_impossible(states)
+    if given is not None:
+        own = given.status != NO_EPHEMERIS
+        states.sat[own], states.status[own], states.message[own] = given.sat[own], given.status[own], -1
+        states.clock_m[own], states.drift_mps[own] = given.clock_m[own], given.drift_mps[own]
+        states.age_s[own] = math.nan
     return states
 
 

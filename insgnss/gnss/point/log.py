@@ -16,6 +16,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.dilution import dilution
+from insgnss.gnss.ionosphere import shell_mapping
 from insgnss.gnss.least_squares import (
     CLOCKS,
     RANGE,
@@ -146,7 +147,8 @@ def see_rows(
         delay = slant_delay(air, rows.klobuchar, seen, rows.ionosphere_factor[i], rows.ionosphere_m[i])
         room.fitted[0, j] = room.raw[0, j] - delay
         modelled = _variance(rows.sigma[i, 0], sine, rows.thermal[i], settings.range_noise)
-        room.sigma[0, j] = math.sqrt(modelled * rows.variance_scale[i])
+        left = settings.unmodelled_zenith_m * shell_mapping(sine)
+        room.sigma[0, j] = math.sqrt(modelled * rows.variance_scale[i] + left * left)
         room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, rows.thermal[i], settings.rate_noise))
 
 

@@ -45,6 +45,7 @@ class PointSettings(NamedTuple):
     max_gdop: float
     missed_sigmas: float  # normal quantile of a missed detection, for the protection levels
     ties: Ties  # of the clocks
+    unmodelled_zenith_m: float  # sigma of an ionosphere that no model removes, at the zenith on L1
 
 
 class PointLog(NamedTuple):

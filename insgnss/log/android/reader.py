@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from insgnss.errors import InputError
+from insgnss.log.android.coefficients import coefficients
 from insgnss.log.android.fixes import fixes
 from insgnss.log.android.lines import AndroidLines, cells, lines_by_kind, refused_lines
 from insgnss.log.android.measurements import measurements
@@ -54,4 +55,5 @@ def read_android(path: Path) -> ReceiverLog:
     found = cells(kinds.get("Fix", AndroidLines()))
     told += refused_lines("Fix", found)
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
-    return ReceiverLog(gnss, None, imu, named, fixes(found), imu_axes=_FLAT, further=tuple(samples))
+    navigation = coefficients(raw)
+    return ReceiverLog(gnss, navigation, imu, named, fixes(found), imu_axes=_FLAT, further=tuple(samples))

@@ -11,18 +11,19 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError, UnitsError
 from insgnss.gnss.signals import CHANNELS
-from insgnss.log.checks.gnss import ephemeris_findings, gnss_findings
+from insgnss.log.checks.gnss import ephemeris_findings, gnss_findings, ionosphere_findings
 from insgnss.log.checks.imu import imu_findings
 from insgnss.log.checks.late_antennas import antenna_findings
 from insgnss.log.checks.report import CheckReport, Finding, Proposal, from_events
 from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight
 from insgnss.log.glonass_slots import with_slots
-from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
+from insgnss.log.gnss_log import merged, missing_navigation, read_receiver
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.log.imu.frozen import DEAD
 from insgnss.log.navigation_span import check_navigation_time
 from insgnss.log.overlap import check_overlap, epochs_outside
+from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
@@ -50,6 +51,7 @@ NOTICES: Final = frozenset(
         "navigation_repeated",
         "reference_rows_left_out",
         "rinex_event",
+        "satellite_states_beside",
         "signal_assumed",
         "time_mark",
         "ubx_foreign_bytes",
@@ -103,6 +105,9 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     gnss = None
     if receiver is not None:
         gnss, events = with_slots(receiver.gnss, navigation)
+        if config.gnss.format == "android":
+            gnss, beside = states_beside(gnss, navigation, bool(config.gnss.precise))
+            events += beside
         receiver = replace(receiver, gnss=gnss)
         findings += from_events("gnss", events, NOTICES)
         findings += gnss_findings(gnss, config, _channels(flight, gnss, navigation))
@@ -154,11 +159,12 @@ def _read_messages(
 ) -> NavigationData | None:
     """Return the messages of the navigation files and of the receiver's own log, None without any."""
     files = flight.config.gnss.navigation
-    navigation = None
-    if receiver is not None and receiver.navigation is not None and has_messages(receiver.navigation):
-        navigation = receiver.navigation
+    navigation = None if receiver is None else receiver.navigation
     if files:
-        from_files = _attempt(findings, "navigation", lambda: read_navigation(files))
+        stated = receiver is not None and receiver.gnss.sat is not None
+        from_files = _attempt(
+            findings, "navigation", lambda: read_navigation(files, coefficients_suffice=stated)
+        )
         if from_files is not None:
             navigation = from_files if navigation is None else merged(from_files, navigation)
     return navigation
@@ -179,7 +185,9 @@ def _check_navigation(
     if receiver is None:
         return
     files = flight.config.gnss.navigation
-    if navigation is not None:
+    if receiver.gnss.sat is not None:
+        findings.append(Finding("ok", "navigation", "the GNSS log has satellite states"))
+    if navigation is not None and navigation.has_messages:
         findings += ephemeris_findings(receiver.gnss, navigation)
         _attempt(
             findings,
@@ -189,10 +197,10 @@ def _check_navigation(
                 check_navigation_time(navigation, receiver.gnss.t_ns, files or flight.config.gnss.files),
             ),
         )
-    elif receiver.gnss.sat is not None:
-        findings.append(Finding("ok", "navigation", "the GNSS log has satellite states"))
-    elif not files and not flight.config.gnss.precise:
+    elif receiver.gnss.sat is None and not flight.config.gnss.precise and (navigation or not files):
         findings.append(_error_finding("navigation", missing_navigation(flight.path)))
+        return
+    findings += ionosphere_findings(navigation)
 
 
 def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Finding]:

@@ -10,13 +10,15 @@ import numpy as np
 from insgnss.config.flight import FlightConfig
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.orbits.ephemeris_choice import VALIDITY_S
-from insgnss.gnss.orbits.satellite_state import range_rates
+from insgnss.gnss.orbits.plausible_messages import plausible_klobuchar
+from insgnss.gnss.orbits.satellite_state import range_rates, status_of_given
 from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.stretches import GNSS_GAP_STEPS
 from insgnss.log.gnss_rows import epochs
+from insgnss.status import USED
 from insgnss.tables import Bool, Float64, GnssTable, Int64, NavigationData
 
 MIN_SATELLITES: Final = 4
@@ -139,6 +141,8 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
     findings = [Finding("ok", "navigation", f"messages: {listed}")]
     _, starts = epochs(gnss)
     covered = _covered_rows(gnss, messages)
+    if gnss.sat is not None:
+        covered |= status_of_given(gnss.sat) == USED
     count = _distinct_per_epoch(gnss, starts, covered & np.isfinite(gnss.pseudorange_m))
     few = int(np.count_nonzero(count < MIN_SATELLITES))
     spread = f"{count.min()} to {count.max()}, median {np.median(count):.0f}"
@@ -161,12 +165,16 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
         findings.append(
             Finding("ok", "navigation", f"marked unhealthy by their own message: {', '.join(unhealthy)}")
         )
-    if navigation.klobuchar is None:
-        text = "no ionosphere coefficients in the navigation file"
-        findings.append(
-            Finding("warning", "navigation", text, "expect metres of ionospheric delay on single frequencies")
-        )
     return findings
+
+
+def ionosphere_findings(navigation: NavigationData | None) -> list[Finding]:
+    """Return a warning where neither log nor navigation files have the coefficients of GPS's ionosphere model."""
+    if navigation is not None and plausible_klobuchar(navigation.klobuchar) is not None:
+        return []
+    text = "no ionosphere coefficients in the log or a navigation file"
+    advice = "expect 5 to 20 m of ionospheric delay on single frequencies; name the day's navigation file"
+    return [Finding("warning", "navigation", text, advice)]
 
 
 class _Messages(NamedTuple):

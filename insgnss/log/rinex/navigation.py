@@ -56,12 +56,19 @@ class _NavigationContents:
     inter_signal_s: dict[str, Float64] = field(default_factory=dict)
 
 
-def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]:
+def read_navigation(
+    paths: Sequence[Path], *, coefficients_suffice: bool = False
+) -> tuple[NavigationData, list[Event]]:
     """Read RINEX navigation files and merge them: repeated messages once, sorted by satellite and reference time.
 
     The week of the reference time follows from the calendar date of the clock's epoch, so a week field of ten bits or
     counted from another start does no harm. Ionosphere coefficients and leap seconds are those of the first file
     that has them, inter-signal corrections those of a satellite's last CNAV message.
+
+    Parameters
+    ----------
+    coefficients_suffice : ionosphere coefficients without an ephemeris are of use, as the log says where its satellites
+        were
 
     Raises
     ------
@@ -74,7 +81,8 @@ def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]
         found.klobuchar = _klobuchar(text) if found.klobuchar is None else found.klobuchar
         found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
         found.ionosphere = read_ionosphere(text) | found.ionosphere
-    if not found.keplerian and not found.states:
+    suffices = coefficients_suffice and (found.klobuchar is not None or bool(found.ionosphere))
+    if not (found.keplerian or found.states or suffices):
         names = ", ".join(str(path) for path in paths)
         raise NavigationDataError(
             "no ephemeris that can be used",
