@@ -55,8 +55,9 @@ def convert(
 ) -> None:
     """Read a receiver's files of any format and write CSV, a RINEX navigation file and a first flight file.
 
-    If measurements and inertial samples are in two files, give both in one call. The receiver's own solution becomes
-    reference.csv.
+    If measurements and inertial samples are in two files, give both in one call: of one maker, or of two (an
+    autopilot's ULog and its receiver's UBX). One of them holds measurements, one inertial samples. The receiver's own
+    solution becomes reference.csv.
     """
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
@@ -159,7 +160,9 @@ def _summary(done: Conversion) -> list[str]:
             + (f"; {without} of them without a pseudorange" if without else "")
         )
     else:
-        lines.append("no raw measurements: convert the file that holds them in one call with this one")
+        lines.append(
+            "no raw measurements: convert the file that holds them in one call with this one, into a new folder"
+        )
     if done.messages:
         lines.append(f"{done.messages} broadcast messages")
     if done.log.imu is not None:

@@ -13,7 +13,7 @@ def existing_file(path: Path) -> Path:
 
     Raises
     ------
-    MissingFileError : it is not; the advice names the nearest files of the folder
+    MissingFileError : it is not; the advice names the nearest files of the folder, hidden ones aside
     """
     if path.is_file():
         return path
@@ -23,7 +23,9 @@ def existing_file(path: Path) -> Path:
     if not folder.is_dir():
         advice = f"there is no folder '{folder}'; relative paths in a flight file start at its own folder"
         raise MissingFileError("file not found", file=path, advice=advice)
-    present = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
+    present = sorted(
+        entry.name for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith(".")
+    )
     near = difflib.get_close_matches(path.name, present, n=3, cutoff=0.4)
     advice = (
         f"nearest in that folder: {', '.join(near)}"

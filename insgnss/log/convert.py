@@ -13,7 +13,7 @@ from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv, write_samples_csv
 from insgnss.log.declared import LogDeclarations
-from insgnss.log.detect import NAMES, Format, detect_format
+from insgnss.log.detect import Format, detect_format
 from insgnss.log.first_flight_file import (
     FLIGHT_FILE,
     GNSS_FILE,
@@ -23,6 +23,7 @@ from insgnss.log.first_flight_file import (
     flight_text,
 )
 from insgnss.log.gnss_log import merged
+from insgnss.log.joined_logs import FormatLog, join_logs
 from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_files import read_receiver
@@ -47,14 +48,15 @@ class Conversion:
 def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | None = None) -> Conversion:
     """Read receivers' files and write a flight's inputs into the folder ``output``.
 
-    The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
-    RINEX navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a
-    reference. A flight file that is already there is kept: somebody may have filled it in. ``declared`` is what the
-    files do not state.
+    Logs of one format are of one receiver; they may hold inertial samples alone. Of several formats exactly one holds
+    measurements and at most one inertial samples (an autopilot's log and its receiver's). RINEX navigation files beside
+    them are copied. The receiver's own solution, where the log has one, becomes a reference. A flight file that is
+    already there is kept: somebody may have filled it in. ``declared`` is what the files do not state.
 
     Raises
     ------
-    InputError or a subclass : an input is missing, unknown or unreadable, or none of them is a log
+    InputError or a subclass : an input is missing, unknown or unreadable, none of them is a log, or logs of several
+        formats do not fit together
     ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
@@ -129,15 +131,18 @@ def _write_tables(log: ReceiverLog, folder: Path) -> int:
 def _read(
     formats: Sequence[tuple[Path, Format]], declared: LogDeclarations
 ) -> tuple[ReceiverLog, list[Event]]:
-    kinds = sorted({kind for _, kind in formats if kind != "rinex_navigation"})
-    if len(kinds) != 1:
-        found = " and ".join(NAMES[kind] for kind in kinds) or "navigation files alone"
+    kinds = dict.fromkeys(kind for _, kind in formats if kind != "rinex_navigation")
+    if not kinds:
         raise InputError(
-            f"observations of one receiver are needed; the files are {found}",
+            "the files are navigation files alone",
             file=", ".join(str(path) for path, _ in formats),
-            advice="convert each receiver's files into a folder of their own",
+            advice="give a receiver's log in one call with them",
         )
-    log = read_receiver(kinds[0], [path for path, kind in formats if kind == kinds[0]], declared)
+    logs = []
+    for kind in kinds:
+        paths = tuple(path for path, found in formats if found == kind)
+        logs.append(FormatLog(kind, paths, read_receiver(kind, paths, declared)))
+    log = join_logs(logs)
     return log, list(log.events)
 
 

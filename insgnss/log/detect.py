@@ -42,7 +42,10 @@ _CONTROL: Final = bytes(c for c in (*range(32), 127) if c not in b"\t\n\r\f\x1b"
 # share of control characters in a text with a few damaged bytes; of random bytes 0.11
 _MOST_CONTROL: Final = 0.02
 _RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
-_ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
+# a file of inertial data alone may lack both the lines of raw measurements and their header
+_ANDROID: Final = re.compile(
+    r"^(#\s*Raw\s*,.*TimeNanos|Raw,|#\s*(Uncal)?(Accel|Gyro)\s*,.*elapsedRealtimeNanos)", re.MULTILINE
+)
 
 
 def detect_format(path: Path) -> Format:

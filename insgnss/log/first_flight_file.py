@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from insgnss.constants import NS_PER_WEEK
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.further_samples import BAROMETER, FurtherSamples
-from insgnss.log.own_solution import OWN_SOLUTION
+from insgnss.log.own_solution import OWN_SOLUTION, has_attitude
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.satellites import channel_of_name
 
@@ -46,6 +48,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
         *_imu_lines(log),
         "",
         *_gnss_lines(log, [name for name in written if name not in others]),
+        *_position_lines(log),
         *_reference_lines(log),
         *(line for samples in log.further for line in _sensor_lines(samples, log)),
     ]
@@ -73,22 +76,51 @@ def _imu_lines(log: ReceiverLog) -> list[str]:
 
 
 def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
-    lines = ["[gnss]"]
-    if not len(log.gnss.t_ns):
-        lines += [
-            "# DECLARE: the log has no raw measurements.",
-            "# Convert the receiver's other file in one call with this one, or name another receiver's log.",
-        ]
-    lines += [
-        f'files = ["{GNSS_FILE}"]',
+    """Return the entry of the measurements; as comments where positions take their place."""
+    found = len(log.gnss.t_ns) > 0
+    lines = [
+        "[gnss]",
+        f'files = ["{GNSS_FILE}"]{"" if found else "  # DECLARE: there is no such file yet"}',
         _navigation_line(navigation, log),
         "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
         'oscillator = "tcxo"  # DECLARE when you know better',
     ]
+    if not found:
+        return [
+            f"# DECLARE: the log has no raw measurements, {GNSS_FILE} does not exist. Convert the file that holds them",
+            "# in one call with this one, into a new folder, or name another log of the same flight under [gnss].",
+            *(_as_comments(lines) if _has_positions_alone(log) else lines),
+        ]
     known = {sv: k for sv, k in log.gnss.glonass_channels.items() if channel_of_name(sv) is None}
     if known:
         listed = ", ".join(f"{sv} = {channel}" for sv, channel in sorted(known.items()))
         lines.append(f"glonass_channels = {{ {listed} }}  # as the log states them")
+    return lines
+
+
+def _has_positions_alone(log: ReceiverLog) -> bool:
+    """Return whether the receiver's fixes are the log's only data from satellites.
+
+    Positions of a filter with inertial data do not count: they hold these samples already.
+    """
+    return not len(log.gnss.t_ns) and log.solution is not None and not has_attitude(log.solution)
+
+
+def _position_lines(log: ReceiverLog) -> list[str]:
+    """Return the receiver's fixes as a sensor of positions, in place of measurements."""
+    solution = log.solution
+    if solution is None or not _has_positions_alone(log):
+        return []
+    lines = [
+        "",
+        "# The receiver's fixes are used in place of raw measurements: remove this entry when you have a [gnss].",
+        "[[sensor]]",
+        'kind = "position"',
+        f'files = ["{REFERENCE_FILE}"]',
+        "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
+    ]
+    if solution.sigma is None or np.isnan(solution.sigma[:, :3]).any():
+        lines.append("sigma_m = [5.0, 5.0, 10.0]  # DECLARE: north, east, down, where the log states none")
     return lines
 
 
@@ -122,13 +154,23 @@ def _reference_lines(log: ReceiverLog) -> list[str]:
     if log.solution is None:
         return []
     mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
-    return [
-        "",
-        f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent truth.",
+    lines = [
         "[reference]",
         f'file = "{REFERENCE_FILE}"',
         f'point = "{log.solution_point}"  # DECLARE: the point that the receiver is configured to report',
     ]
+    own = (
+        f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent"
+        " truth."
+    )
+    if _has_positions_alone(log):
+        own = "# While the fixes are a sensor they are not a reference: a result must not be compared with its input."
+        lines = _as_comments(lines)
+    return ["", own, *lines]
+
+
+def _as_comments(lines: Sequence[str]) -> list[str]:
+    return [line if line.startswith("#") else f"# {line}" for line in lines]
 
 
 def _escaped(name: str) -> str:

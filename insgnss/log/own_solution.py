@@ -46,6 +46,11 @@ def own_reference(
     return ReferenceTable(t_ns, lat_deg, lon_deg, h_m, v_n, rpy_deg, quality, sigma)
 
 
+def has_attitude(solution: ReferenceTable | None) -> bool:
+    """Return whether a solution states its attitude in any row, as only filters with inertial data do."""
+    return solution is not None and bool(np.isfinite(solution.rpy_deg).any())
+
+
 def not_independent(what: str) -> Event:
     """Return the event that says what a reference of this kind is."""
     return Event(None, "reference_own", f"the reference is {what}: not independent truth")

@@ -257,13 +257,6 @@ def test_flight_file_that_is_there_is_kept(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "flight.toml").read_text() == "mine" and done.kept != ()
 
 
-def test_files_of_two_receivers_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "obs").write_text(OBS_HEADER + rinex_epoch())
-    with pytest.raises(InputError, match="RINEX observation and Septentrio"):
-        convert([tmp_path / "obs", sbf_file(tmp_path)], tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_command_says_what_it_read_and_wrote(tmp_path: Path) -> None:
     result = CliRunner().invoke(APP, [str(sbf_file(tmp_path)), "--output", str(tmp_path / "out")])
     assert result.exit_code == 0

@@ -26,25 +26,34 @@ def read_android(path: Path) -> ReceiverLog:
     right, y to the top, z out of the screen); magnetic field and pressure are the log's further samples. Lines of other
     kinds (orientation, gain control, navigation messages, status) are counted in an event.
 
+    A file may hold inertial samples alone; the table of measurements is empty then, and the phone's fixes date
+    the samples, else its UTC.
+
     Raises
     ------
-    InputError : no "Raw" line with its header, or no measurement that can be used
+    InputError : "Raw" lines without their header, or neither a measurement nor an inertial sample that can be used
     """
     kinds = lines_by_kind(file_text(path))
-    if "Raw" not in kinds or "timenanos" not in map(str.lower, kinds["Raw"].columns):
+    lines = kinds.get("Raw", AndroidLines())
+    if lines.texts and "timenanos" not in map(str.lower, lines.columns):
         raise InputError(
-            "no raw measurements: the line '# Raw,...,TimeNanos,...' is missing",
+            "the raw measurements have no header: the line '# Raw,...,TimeNanos,...' is missing",
             file=path,
-            advice="log with 'Raw measurements' switched on, and keep the comment lines",
+            advice="keep the comment lines of the log",
         )
-    raw = cells(kinds["Raw"])
+    raw = cells(lines)
     gnss, receiver, events = measurements(raw)
     events += refused_lines("Raw", raw)
-    if not len(gnss.t_ns):
-        why = "; ".join(event.detail for event in events)
-        raise InputError(f"no measurement that can be used{': ' + why if why else ''}", file=path)
-    clock = PhoneClock(raw, receiver)
+    found = cells(kinds.get("Fix", AndroidLines()))
+    clock = PhoneClock(raw, receiver, found)
     imu, told = inertial(kinds, clock)
+    if not len(gnss.t_ns) and imu is None:
+        why = "; ".join(event.detail for event in events + told)
+        raise InputError(
+            f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
+            file=path,
+            advice="switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger",
+        )
     samples, of_samples = further(kinds, clock)
     told += of_samples
     read = {"Raw", "Fix", *INERTIAL_KINDS, *(one.source for one in samples)}
@@ -52,7 +61,6 @@ def read_android(path: Path) -> ReceiverLog:
     if other:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
         told.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
-    found = cells(kinds.get("Fix", AndroidLines()))
     told += refused_lines("Fix", found)
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
     navigation = coefficients(raw)

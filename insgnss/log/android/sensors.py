@@ -1,10 +1,11 @@
 """The phone's own sensors: accelerometer and gyroscope as one inertial table, pressure and magnetic field as they are.
 
 All are stamped with the time since the phone started; the measurements' ``ChipsetElapsedRealtimeNanos`` ties it to GPS
-time: a straight line through all epochs. A log without it leaves the phone's own UTC, good to some tens of milliseconds
-at best.
+time: a straight line through all epochs. A log without it, or without measurements, has the fixes of the phone's
+receiver, which state both times (on two phones within 1 and 5 ms of the epochs); one without such fixes leaves the
+phone's own UTC (on the same phones 541 and 472 ms off).
 
-[Android developer reference, SensorEvent]
+[Android developer reference, SensorEvent, Location]
 """
 
 from __future__ import annotations
@@ -40,15 +41,35 @@ _DRIFT_FITTED_FROM_S: Final = 60.0
 
 
 class PhoneClock:
-    """The phone's time since its start, tied to GPS time by its receiver."""
+    """The phone's time since its start, tied to GPS time by its receiver.
 
-    def __init__(self, raw: AndroidCells, receiver: ReceiverClock) -> None:
-        self._line = _elapsed_to_gps(raw, receiver)
+    Parameters
+    ----------
+    raw, receiver : the measurements and their clock
+    fixes : the "Fix" lines
 
-    @property
-    def is_known(self) -> bool:
-        """Whether the measurements state the phone's time since its start."""
-        return self._line is not None
+    Attributes
+    ----------
+    doubt : what is uncertain about the samples' times, None where the measurements state them
+    """
+
+    def __init__(self, raw: AndroidCells, receiver: ReceiverClock, fixes: AndroidCells) -> None:
+        elapsed, given = raw.integers("ChipsetElapsedRealtimeNanos")
+        self._line = _elapsed_to_gps(elapsed, receiver.t_ns, given & receiver.known)
+        self.doubt: Event | None = None
+        if self._line is not None:
+            return
+        without = "no measurement with ChipsetElapsedRealtimeNanos"
+        of_fix, t_ns, usable = _times_of_fixes(fixes)
+        self._line = _elapsed_to_gps(of_fix, t_ns, usable)
+        if self._line is None:
+            detail = (
+                f"{without}: inertial samples carry the phone's own UTC, which may be wrong by half a second"
+            )
+            self.doubt = Event(None, "imu_time_uncertain", detail)
+        else:
+            detail = f"{without}: {int(usable.sum())} fixes date the inertial samples, to some milliseconds"
+            self.doubt = Event(None, "imu_time_estimated", detail)
 
     def times(self, found: AndroidCells) -> tuple[Int64, Bool]:
         """Return the GPS time of each sample [ns] and where it is known."""
@@ -69,10 +90,7 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
     """Return a row for each gyro sample, the specific force interpolated to it, in the phone's axes."""
     if not any(kinds.get(kind, AndroidLines()).texts for kind in INERTIAL_KINDS):
         return None, []
-    events: list[Event] = []
-    if not clock.is_known:
-        detail = "no ChipsetElapsedRealtimeNanos: inertial samples carry the phone's own UTC, some 10 ms wrong or more"
-        events.append(Event(None, "imu_time_uncertain", detail))
+    events = [] if clock.doubt is None else [clock.doubt]
     samples = []
     for choices in (_ANGULAR_RATE, _ACCELERATION):
         kind, axes = next((c for c in choices if c[0] in kinds and kinds[c[0]].texts), choices[0])
@@ -123,13 +141,23 @@ def _vectors(found: AndroidCells, columns: tuple[str, ...]) -> Float64:
     return np.stack([found.decimals(name) for name in columns], axis=1)
 
 
-def _elapsed_to_gps(raw: AndroidCells, receiver: ReceiverClock) -> tuple[int, int, float] | None:
+def _times_of_fixes(fixes: AndroidCells) -> tuple[Int64, Int64, Bool]:
+    """Return the time since the phone's start and the GPS time of each fix [ns], and which fixes may be used.
+
+    The receiver's own alone: those of the network and fused ones carry the phone's own UTC.
+    """
+    elapsed, given = fixes.integers("elapsedRealtimeNanos")
+    t_ns, dated = fixes.gps_times("UnixTimeMillis")
+    of_receiver = np.array([text.strip().lower() == "gps" for text in fixes.texts("Provider")], np.bool_)
+    return elapsed, t_ns, given & dated & of_receiver
+
+
+def _elapsed_to_gps(elapsed: Int64, gps: Int64, usable: Bool) -> tuple[int, int, float] | None:
     """Return (elapsed_0, gps_0, rate) with gps = gps_0 + (elapsed - elapsed_0) (1 + rate), None when not known."""
-    elapsed, given = raw.integers("ChipsetElapsedRealtimeNanos")
-    rows = np.flatnonzero(given & receiver.known & (elapsed > 0))
+    rows = np.flatnonzero(usable & (elapsed > 0))
     if not len(rows):
         return None
-    elapsed, gps = elapsed[rows], receiver.t_ns[rows]
+    elapsed, gps = elapsed[rows], gps[rows]
     offset = (gps - elapsed) - (gps[0] - elapsed[0])
     since_s = (elapsed - elapsed[0]) / NS_PER_S
     good = _without_outliers(offset.astype(np.float64))
