@@ -26,7 +26,8 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files. ULog, MCAP, and"
+            " NovAtel's ASCII and RANGECMP3 to 5 need the extras 'ulog', 'mcap' and 'novatel' (all: 'receivers')."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the output files.")],
