@@ -19,7 +19,7 @@ _FLAT: Final = ("+y", "+x", "-z")
 
 
 def read_android(path: Path) -> ReceiverLog:
-    """Read an Android GnssLogger file (plain or gzipped).
+    """Read an Android GnssLogger file, or a table of its "Raw" lines (plain or gzipped).
 
     The inertial table has a row for each gyro sample, the specific force interpolated to it, in the phone's axes (x
     right, y to the top, z out of the screen); magnetic field and pressure are the log's further samples. Lines of other
@@ -27,7 +27,7 @@ def read_android(path: Path) -> ReceiverLog:
 
     Raises
     ------
-    InputError : no "Raw" line with its header, or no measurement that can be used
+    InputError : neither "Raw" lines with their header nor a table of them, or no measurement that can be used
     """
     kinds = lines_by_kind(file_text(path))
     if "Raw" not in kinds or "timenanos" not in map(str.lower, kinds["Raw"].columns):
