@@ -166,7 +166,8 @@ def _summary(done: Conversion) -> list[str]:
     if done.log.imu is not None:
         lines.append(f"{len(done.log.imu.t_ns)} inertial samples, in the sensor's axes")
     if done.log.solution is not None:
-        lines.append(f"{len(done.log.solution.t_ns)} rows of the receiver's own solution")
+        whose = "simulator's truth" if done.log.solution_is_truth else "receiver's own solution"
+        lines.append(f"{len(done.log.solution.t_ns)} rows of the {whose}")
     lines += [finding.line() for finding in from_events("input", done.events, frozenset())]
     lines += [f"wrote {path}" for path in done.written]
     lines += [f"kept {path}, which was there before" for path in done.kept]

@@ -118,13 +118,15 @@ def _sensor_lines(samples: FurtherSamples, log: ReceiverLog) -> list[str]:
 
 
 def _reference_lines(log: ReceiverLog) -> list[str]:
-    """Return the entry of the receiver's own solution, not independent truth; a phone's is not scored tightly."""
+    """Return the entry of the receiver's own solution, not independent truth, or of a simulator's truth."""
     if log.solution is None:
         return []
+    # a phone's is not scored tightly
     mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
+    what = f"The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent truth"
     return [
         "",
-        f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent truth.",
+        f"# {'The truth of the simulator' if log.solution_is_truth else what}.",
         "[reference]",
         f'file = "{REFERENCE_FILE}"',
         f'point = "{log.solution_point}"  # DECLARE: the point that the receiver is configured to report',
