@@ -8,6 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
+from rich.markup import render
+from typer.core import TyperGroup
 from typer.testing import CliRunner
 
 from insgnss import errors
@@ -27,6 +30,25 @@ def test_help_tells_every_exit_code() -> None:
 
     for code, words in EXIT_CODES.items():
         assert f"{code} {words}" in " ".join(told.split())
+
+
+def test_help_shows_every_word_of_its_texts() -> None:
+    group = typer.main.get_command(app)
+    assert isinstance(group, TyperGroup)
+    texts = [
+        text
+        for command in (group, *group.commands.values())
+        for text in (
+            command.help,
+            command.epilog,
+            *(getattr(option, "help", None) for option in command.params),
+        )
+        if text
+    ]
+
+    # square brackets are marks of style there
+    assert len(texts) > 100
+    assert [text for text in texts if render(text).plain != text] == []
 
 
 def test_exit_codes_are_those_of_the_errors() -> None:

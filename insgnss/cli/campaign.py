@@ -39,7 +39,7 @@ def campaign(
         str | None,
         typer.Option(
             "--scheduler",
-            help="Address of a running Dask cluster's, as tcp://host:8786 (needs insgnss[campaign]).",
+            help="Address of a running Dask cluster's, as tcp://host:8786 (needs the extra 'campaign').",
         ),
     ] = None,
     retry_failed: Annotated[

@@ -26,7 +26,8 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files. ULog, MCAP, and"
+            " NovAtel's ASCII and RANGECMP3 to 5 need the extras 'ulog', 'mcap' and 'novatel' (all: 'receivers')."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the output files.")],
@@ -168,7 +169,8 @@ def _summary(done: Conversion) -> list[str]:
     if done.log.imu is not None:
         lines.append(f"{len(done.log.imu.t_ns)} inertial samples, in the sensor's axes")
     if done.log.solution is not None:
-        lines.append(f"{len(done.log.solution.t_ns)} rows of the receiver's own solution")
+        whose = "simulator's truth" if done.log.solution_is_truth else "receiver's own solution"
+        lines.append(f"{len(done.log.solution.t_ns)} rows of the {whose}")
     lines += [finding.line() for finding in from_events("input", done.events, frozenset())]
     lines += [f"wrote {path}" for path in done.written]
     lines += [f"kept {path}, which was there before" for path in done.kept]

@@ -59,7 +59,7 @@ def margin(
     ] = None,
     cn0: Annotated[
         float | None,
-        typer.Option("--cn0", help="C/N0 without interference [dBHz]; thermal noise counts then."),
+        typer.Option("--cn0", help="C/N0 without interference, in dBHz; thermal noise counts then."),
     ] = None,
     acceleration: Annotated[
         float | None,

@@ -63,6 +63,7 @@ class GnssColumns(LogColumns):
 
 
 GlonassSatellite = Annotated[str, Field(pattern=r"^R\d\d$")]
+PseudorangeCode = Annotated[str, Field(pattern=r"^C\d[A-Z]$")]
 LogFormat = Literal["csv", "rinex", "ubx", "sbf", "android"]
 System = Literal["G", "R", "E", "C", "J", "I", "S"]
 
@@ -79,9 +80,12 @@ class ObservationLog(LogTable):
     system_codes: dict[str, System] = Field(
         {}, description="what the column of constellations holds if it is not a name or letter: 1 = 'G'"
     )
+    signal_codes: dict[str, PseudorangeCode] = Field(
+        {}, description="RINEX codes of signals that the log names otherwise: 'L1 C/A' = 'C1C'"
+    )
 
     @model_validator(mode="after")
-    def _constellation_is_told_in_one_way(self) -> Self:
+    def _codes_have_their_columns(self) -> Self:
         if self.system is not None and self.columns.system != NO_COLUMN:
             raise ValueError(
                 f"system = '{self.system}' declares one constellation for all rows, and columns.system ="
@@ -89,6 +93,8 @@ class ObservationLog(LogTable):
             )
         if self.system_codes and self.columns.system == NO_COLUMN:
             raise ValueError("system_codes are of the column that columns.system names: give it too")
+        if self.signal_codes and self.columns.signal == NO_COLUMN:
+            raise ValueError("signal_codes are of the column that columns.signal names: give it too")
         return self
 
 

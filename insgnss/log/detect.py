@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from insgnss.errors import InputError
+from insgnss.log.android.lines import RAW_TABLE
 from insgnss.log.csv.dialect import UTF16_MARKS
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
@@ -79,7 +80,7 @@ def detect_format(path: Path) -> Format:
         return max(own, key=lambda kind: own[kind])
     if _rtcm_bytes(data):
         return "rtcm"
-    if _ANDROID.search(data.decode("latin-1")):
+    if RAW_TABLE.match(head) or _ANDROID.search(data.decode("latin-1")):
         return "android"
     raise InputError(
         "not a supported receiver file",

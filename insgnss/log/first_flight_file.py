@@ -103,7 +103,9 @@ def _has_positions_alone(log: ReceiverLog) -> bool:
 
     Positions of a filter with inertial data do not count: they hold these samples already.
     """
-    return not len(log.gnss.t_ns) and log.solution is not None and not has_attitude(log.solution)
+    if len(log.gnss.t_ns) or log.solution is None or log.solution_is_truth:
+        return False
+    return not has_attitude(log.solution)
 
 
 def _position_lines(log: ReceiverLog) -> list[str]:
@@ -150,9 +152,10 @@ def _sensor_lines(samples: FurtherSamples, log: ReceiverLog) -> list[str]:
 
 
 def _reference_lines(log: ReceiverLog) -> list[str]:
-    """Return the entry of the receiver's own solution, not independent truth; a phone's is not scored tightly."""
+    """Return the entry of the receiver's own solution, not independent truth, or of a simulator's truth."""
     if log.solution is None:
         return []
+    # a phone's is not scored tightly
     mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
     lines = [
         "[reference]",
@@ -163,7 +166,9 @@ def _reference_lines(log: ReceiverLog) -> list[str]:
         f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent"
         " truth."
     )
-    if _has_positions_alone(log):
+    if log.solution_is_truth:
+        own = "# The truth of the simulator."
+    elif _has_positions_alone(log):
         own = "# While the fixes are a sensor they are not a reference: a result must not be compared with its input."
         lines = _as_comments(lines)
     return ["", own, *lines]

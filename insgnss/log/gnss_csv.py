@@ -6,6 +6,7 @@ Both forms are read: with satellite states in the row, or with a navigation file
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.signals import is_rinex_code
 from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import ColumnSelection, TextColumn
-from insgnss.log.csv.satellite_column import read_satellites
+from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.log.gnss_rows import in_time_order
@@ -78,11 +79,11 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     table = table if rows is None else table.take(rows)
     t_ns, continued = continued_week(t_ns, previous_ns, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
-    signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, path)
+    signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
     events = _table_events(table, names) + timing + continued + bad_names + assumed
-    events += _unknown_signals(table, names.signal, sv, sv_names, path)
+    events += _unknown_signals(table, config, sv, sv_names, path)
     states, unused = _satellite_states(table, config, path)
     events += unused
     whole = GnssTable(
@@ -243,11 +244,11 @@ def _flags(column: Float64 | None) -> Int8 | None:
 
 
 def _signals(
-    column: TextColumn | None, sv: Int16, sv_names: tuple[str, ...], path: Path
+    column: TextColumn | None, sv: Int16, sv_names: tuple[str, ...], config: Gnss, path: Path
 ) -> tuple[Int16, tuple[str, ...], list[Event]]:
     """Return each row's index into the signals' RINEX codes; a row without one gets its system's first civil signal."""
     assumed = [ASSUMED_SIGNAL[name[0]] for name in sv_names]
-    written = [] if column is None else [_code(word) for word in column.words]
+    written = [] if column is None else [_code(word, config.signal_codes) for word in column.words]
     names = tuple(dict.fromkeys([code for code in written if code] + assumed))
     of_satellite = np.array([names.index(code) for code in assumed] + [0], dtype=np.int16)
     if column is None:
@@ -264,7 +265,7 @@ def _signals(
 
 
 def _unknown_signals(
-    table: CsvTable, column: str, sv: Int16, sv_names: tuple[str, ...], path: Path
+    table: CsvTable, config: Gnss, sv: Int16, sv_names: tuple[str, ...], path: Path
 ) -> list[Event]:
     """Return an event of each signal that RINEX does not name so; its rows stand in the ledger as unknown.
 
@@ -272,6 +273,7 @@ def _unknown_signals(
     ------
     ColumnError : no row has a signal that RINEX names
     """
+    column = config.columns.signal
     text = table.text.get(column)
     if text is None:
         return []
@@ -283,7 +285,7 @@ def _unknown_signals(
     for pair, row, n in zip(pairs.tolist(), rows[first].tolist(), count.tolist(), strict=True):
         satellite, word = divmod(pair, len(text.words))
         written = text.words[word]
-        if written and not is_rinex_code(sv_names[satellite][0], _code(written)):
+        if written and not is_rinex_code(sv_names[satellite][0], _code(written, config.signal_codes)):
             before, earliest = unknown.get(written, (0, row))
             unknown[written] = before + n, min(earliest, row)
     if not unknown:
@@ -292,18 +294,27 @@ def _unknown_signals(
         word, (_, row) = min(unknown.items(), key=lambda item: item[1][1])
         line = int(table.line[row])
         raise ColumnError(
-            f"unknown signal '{word}'", file=path, line=line, column=column, advice=_WRITE_CODES
+            f"unknown signal '{word}'", file=path, line=line, column=column, advice=_signal_advice(word)
         )
     return [
         Event(
-            None, "unknown_signal", f"{path}: unknown signal '{word}' in {n} row(s), not used: {_WRITE_CODES}"
+            None,
+            "unknown_signal",
+            f"{path}: unknown signal '{word}' in {n} row(s), not used: {_signal_advice(word)}",
         )
         for word, (n, _) in unknown.items()
     ]
 
 
-def _code(word: str) -> str:
+def _signal_advice(word: str) -> str:
+    key = f"gnss.signal_codes = {{ {toml_key(word)} = '...' }}"
+    return f"{_WRITE_CODES}, or give this name's code in the flight file: {key}"
+
+
+def _code(word: str, declared: Mapping[str, str]) -> str:
     """Return a signal as RINEX names its pseudorange ("1C", "L1C" -> "C1C"), anything else unchanged in capitals."""
+    if word in declared:
+        return declared[word]
     match = _CODE.fullmatch(word.upper())
     return f"C{match[1]}" if match else word.upper()
 

@@ -28,6 +28,7 @@ class ReceiverLog:
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
     # whose place the solution is, unless configured otherwise
     solution_point: Literal["imu", "antenna"] = "antenna"
+    solution_is_truth: bool = False  # a simulator's
     further: tuple[FurtherSamples, ...] = ()  # one of a kind at most
 
     def span_ns(self) -> tuple[int, int]:

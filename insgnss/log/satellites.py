@@ -24,14 +24,15 @@ SYSTEM_NAMES: Final = {
     **dict.fromkeys(("NAVIC", "IRNSS"), "I"),
     **dict.fromkeys(("SBAS", "WAAS", "EGNOS"), "S"),
 }
-_NAME: Final = re.compile(r"([A-Za-z])[ _-]?0*(\d{1,3})")
-_NUMBER: Final = re.compile(r"0*(\d{1,3})(?:\.0*)?")
+_NAME: Final = re.compile(r"([A-Za-z]+)[ _-]?0*(\d{1,3})")
+# every constellation has PRNs: the word says nothing of which it is
+_NUMBER: Final = re.compile(r"(?:PRN[ _-]?)?0*(\d{1,3})(?:\.0*)?", re.IGNORECASE)
 
 
 def normalised_name(text: str) -> str | None:
-    """Return the satellite's name as RINEX 3 writes it ("g5", "G 5", "G05" -> "G05"), None when it cannot be one."""
+    """Return the satellite's name as RINEX 3 writes it ("g5", "G 5", "GPS-05" -> "G05"), None when it cannot be one."""
     match = _NAME.fullmatch(text.strip().strip("\"'").strip())
-    return None if match is None else numbered_name(match[1].upper(), int(match[2]))
+    return None if match is None else numbered_name(SYSTEM_NAMES.get(match[1].upper(), ""), int(match[2]))
 
 
 def channel_of_name(name: str) -> int | None:
@@ -45,14 +46,14 @@ def numbered_name(system: str, number: int) -> str | None:
     first, taken_off = OTHER_NUMBERS.get(system, (0, 0))
     if taken_off and number >= first:
         number -= taken_off  # S120 -> S20
-    if system not in SYSTEMS:
+    if system not in MAX_NUMBER:
         return None
     name = f"{system}{number:02d}"
     return name if 1 <= number <= MAX_NUMBER[system] or channel_of_name(name) is not None else None
 
 
 def bare_number(text: str) -> int | None:
-    """Return the number of a satellite that is written without its constellation, "5" or "5.0"."""
+    """Return the number of a satellite that is written without its constellation, "5", "5.0" or "PRN05"."""
     match = _NUMBER.fullmatch(text.strip())
     return int(match[1]) if match else None
 

@@ -20,6 +20,7 @@ from insgnss.tables import GnssTable
 from tests.log.android_generator import (
     BOOT_FULL_BIAS_NS,
     C_MPS,
+    COLUMNS,
     ELAPSED_MINUS_TIME_NS,
     HEADER,
     Sat,
@@ -116,6 +117,25 @@ def test_line_that_is_no_row_is_told_with_its_reason(tmp_path: Path, sat: Sat, w
     log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, svid=7), sat]))
     assert log.gnss.sv_names == ("G07",) and len(log.gnss.t_ns) == 1
     assert [e.kind for e in log.events] == ["android_not_used"] and why in log.events[0].detail
+
+
+@pytest.mark.parametrize(
+    ("full", "why"),
+    [
+        (
+            "-1.4e+18",
+            "1 measurement(s) left out whose TimeNanos or FullBiasNanos is not written as a whole number",
+        ),
+        (str(-BOOT_FULL_BIAS_NS), "1 measurement(s) left out whose FullBiasNanos is positive"),
+        ("0", "1 measurement(s) before the receiver knew GPS time left out"),
+    ],
+)
+def test_bias_that_dates_nothing_is_told_as_what_it_is(tmp_path: Path, full: str, why: str) -> None:
+    # the clock was set anew between the two, so the bias of one does not date the other
+    bad = epoch(T, [GPS_5]).replace(str(BOOT_FULL_BIAS_NS), full)
+    log = read(tmp_path, bad, epoch(T + 10**9, [GPS_5], count=1))
+    assert len(log.gnss.t_ns) == 1 and [e.kind for e in log.events] == ["android_not_used"]
+    assert log.events[0].detail.partition(": ")[2].startswith(why) and ";" not in log.events[0].detail
 
 
 @pytest.mark.parametrize(
@@ -255,6 +275,18 @@ def test_column_that_stands_twice_is_one(tmp_path: Path) -> None:
 def test_table_with_one_header_for_all_kinds_is_read(tmp_path: Path) -> None:
     header = "MessageType," + HEADER.split("# Raw,")[1].split("\n")[0] + "\n"
     assert len(read(tmp_path, epoch(T, SKY.values()), header=header).gnss.t_ns) == len(SKY)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_table_of_raw_lines_alone_is_read(tmp_path: Path, end: str) -> None:
+    lines = epoch(T, SKY.values()).replace("Raw,", "").splitlines()
+    text = end.join([COLUMNS, *lines, "1,2,3"]) + end
+    log = read(tmp_path, text, header="\ufeff")
+    whole = read(tmp_path, epoch(T, SKY.values()))
+    assert rows(log.gnss) == rows(whole.gnss) and len(log.gnss.t_ns) == len(SKY)
+    assert [e.detail.partition(": ")[2] for e in log.events] == [
+        "1 Raw line(s) with a wrong number of cells refused"
+    ]
 
 
 def test_satellite_states_of_newer_phones_are_read(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from insgnss.errors import InputError, MissingFileError
 from insgnss.log.detect import Format, detect_format
+from tests.log.android_generator import COLUMNS as ANDROID_COLUMNS
 from tests.log.android_generator import HEADER as ANDROID_HEADER
 from tests.log.sbf_encoder import Channel, epoch, satellite
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
@@ -36,6 +37,8 @@ FILES: list[tuple[bytes, Format]] = [
     ),
     (NAV_HEADER.encode(), "rinex_navigation"),
     (ANDROID_HEADER.encode(), "android"),
+    (f"{ANDROID_COLUMNS}\n1,2\n".encode(), "android"),
+    (f"\ufeff{ANDROID_COLUMNS}\r\n1,2\r\n".encode(), "android"),
     (ubx(), "ubx"),
     (b"$GNGGA,1*00\r\n" * 40 + ubx(), "ubx"),
     (b"\xb5\x62\xff\xff" * 20 + SBF * 3, "sbf"),

@@ -50,13 +50,21 @@ def test_plain_log_is_read_row_by_row(tmp_path: Path) -> None:
         ("G-5", "G05"),
         ("S120", "S20"),
         ("R24", "R24"),
+        ("GPS05", "G05"),
+        ("GPS 5", "G05"),
+        ("gps-05", "G05"),
+        ("Galileo_11", "E11"),
+        ("QZSS 193", "J01"),
+        ("BDS21", "C21"),
     ],
 )
 def test_satellites_are_named_as_in_rinex_3(written: str, name: str) -> None:
     assert normalised_name(written) == name
 
 
-@pytest.mark.parametrize("written", ["", "5", "G", "G0", "G99", "X05", "G5a", "GPS5", "nan", "é5"])
+@pytest.mark.parametrize(
+    "written", ["", "5", "G", "G0", "G99", "X05", "G5a", "GP5", "GPS", "PRN5", "nan", "é5"]
+)
 def test_what_names_no_satellite_is_not_guessed(written: str) -> None:
     assert normalised_name(written) is None
 
@@ -137,6 +145,34 @@ def test_log_whose_signals_all_have_unknown_names_is_an_error(tmp_path: Path, wr
     ) as caught:
         read(tmp_path, [line.replace("C1C", written) for line in gnss_lines()])
     assert "write RINEX codes such as C1C" in caught.value.advice
+    assert "gnss.signal_codes = { " in caught.value.advice
+
+
+def test_signals_with_names_of_their_own_are_what_the_flight_file_says(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines = [line.replace("C1C", "L1 C/A" if k % 2 else "B1") for k, line in enumerate(lines)]
+    path = write_lines(tmp_path / "gnss.csv", [GNSS_HEADER, *lines])
+    declared = {"L1 C/A": "C1C", "B1": "C1W"}
+    table, events = read_gnss(gnss_config(path, signal_codes=declared), WEEK)
+    assert [table.signal_names[index] for index in table.signal[:4]] == ["C1W", "C1C"] * 2 and events == []
+
+    table, events = read_gnss(gnss_config(path, signal_codes={"L1 C/A": "C1C"}), WEEK)
+    assert [event.kind for event in events] == ["unknown_signal"]
+    assert (
+        "unknown signal 'B1'" in events[0].detail and "gnss.signal_codes = { B1 = '...' }" in events[0].detail
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"signal_codes": {"L1": "L1C"}}, "signal_codes"),
+        ({"signal_codes": {"L1": "C1C"}, "columns": {"signal": "none"}}, "columns.signal"),
+    ],
+)
+def test_codes_of_signals_that_say_nothing_are_refused(settings: dict[str, object], why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        gnss_config(Path("gnss.csv"), **settings)
 
 
 def test_unknown_signal_of_some_rows_is_an_event_and_stays_for_the_ledger(tmp_path: Path) -> None:

@@ -351,8 +351,9 @@ def test_bare_numbers_with_their_constellation_name_the_satellites(
     assert names == list(NAMES) * 5 and events == []
 
 
-def test_bare_numbers_of_a_declared_constellation_name_the_satellites(tmp_path: Path) -> None:
-    lines = [GNSS_HEADER, *(line.replace(",G", ",") for line in gnss_lines(5))]
+@pytest.mark.parametrize("before", ["", "PRN", "PRN ", "prn-"])
+def test_bare_numbers_of_a_declared_constellation_name_the_satellites(tmp_path: Path, before: str) -> None:
+    lines = [GNSS_HEADER, *(line.replace(",G", f",{before}") for line in gnss_lines(5))]
     names, events = gnss(tmp_path, lines, system="G")
     assert names == ["G05", "G07", "G13", "G30"] * 5 and events == []
 

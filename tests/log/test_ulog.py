@@ -148,6 +148,47 @@ def test_autopilots_solution_has_attitude_and_heights_above_the_ellipsoid(tmp_pa
     assert fixes is not None and np.isnan(fixes.rpy_deg).all()
 
 
+def simulated() -> Ulog:
+    """Return a log with the solution's topics and, moved by 1e-5 deg and 1 m/s, those of the truth."""
+    log = flown(20)
+    for k, ending in enumerate(("", "_groundtruth")):
+        place = [("double", "lat"), ("double", "lon"), ("float", "alt"), ("float", "alt_ellipsoid")]
+        log.topic(f"vehicle_global_position{ending}", place)
+        log.topic(f"vehicle_local_position{ending}", [("float", "vx"), ("float", "vy"), ("float", "vz")])
+        log.topic(f"vehicle_attitude{ending}", [("float[4]", "q")])
+        for j in range(20):
+            log.row(f"vehicle_global_position{ending}", boot_us(j), 47.0 + 1e-5 * k, 8.0, 500.0, 0.0)
+            log.row(f"vehicle_local_position{ending}", boot_us(j), 1.0 + k, 2.0, 3.0)
+            log.row(f"vehicle_attitude{ending}", boot_us(j), (float(1 - k), 0.0, 0.0, float(k)))
+    return log
+
+
+def test_truth_of_a_simulator_is_the_reference(tmp_path: Path) -> None:
+    log = read(tmp_path, simulated().data)
+    true = log.solution
+    assert true is not None and log.solution_is_truth and (true.quality == 1.0).all()
+    assert true.lat_deg[4] == 47.00001 and true.h_m[4] == 547.5 and true.v_n[4].tolist() == [2.0, 2.0, 3.0]
+    assert abs(true.rpy_deg[4, 2]) == 180.0 and true.sigma is not None and np.isnan(true.sigma).all()
+    told = {event.kind: event.detail for event in log.events}
+    assert "simulator's truth (vehicle_global_position_groundtruth" in told["reference_truth"]
+    assert "groundtruth" not in told["ulog_not_used"] and "reference_own" not in told
+
+
+def test_solution_of_a_simulated_flight_is_the_reference_where_it_is_named(tmp_path: Path) -> None:
+    log = read(tmp_path, simulated().data, reference="vehicle_global_position")
+    assert log.solution is not None and not log.solution_is_truth and log.solution.lat_deg[0] == 47.0
+    assert (log.solution.quality == 2.0).all()
+
+
+def test_flight_file_of_a_simulation_calls_the_reference_truth(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason="the extra 'ulog' is not installed")
+    (tmp_path / "log").write_bytes(simulated().data)
+    told = CliRunner().invoke(app, ["convert", str(tmp_path / "log"), "-o", str(tmp_path / "out")]).output
+    text = (tmp_path / "out" / "flight.toml").read_text()
+    assert "20 rows of the simulator's truth" in told
+    assert "# The truth of the simulator.\n[reference]" in text and "not independent" not in text
+
+
 def test_dumped_bytes_of_the_receiver_give_raw_measurements(tmp_path: Path) -> None:
     log = read(tmp_path, flown().data)
     assert len(np.unique(log.gnss.t_ns)) == 5 and log.gnss.sv_names == ("G05",)

@@ -96,7 +96,9 @@ def test_base_station_makes_the_solution_differential(tmp_path: Path) -> None:
     assert pynmea2.parse(as_nmea(run).decode().splitlines()[1]).gps_qual == 2
 
 
-@pytest.mark.skipif(POS2KML is None, reason="RTKLIB is not installed (Debian: apt install rtklib)")
+@pytest.mark.skipif(
+    POS2KML is None, reason="RTKLIB's program pos2kml is not installed (Debian, Ubuntu: apt install rtklib)"
+)
 @pytest.mark.parametrize(("ending", "height_atol_m"), [("pos", 6e-4), ("nmea", 0.011)])
 def test_rtklib_reads_the_file(ending: str, height_atol_m: float, tmp_path: Path) -> None:
     run = run_with_outage()

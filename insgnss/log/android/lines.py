@@ -2,7 +2,8 @@
 
 A file holds lines of several kinds in the order in which they came: "Raw,..." (measurements), "UncalAccel,...",
 "UncalGyro,...", "Fix,..." and others. A comment line "# Raw,utcTimeMillis,TimeNanos,..." names the columns of a kind;
-they differ between versions of the application. Tables made of such files begin with "MessageType,..." instead.
+they differ between versions of the application. Tables made of such files begin with "MessageType,..." instead, or
+hold "Raw" lines alone, without the kind at their beginning.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ from insgnss.tables import Bool, Event, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
 _TABLE_HEADER: Final = "MessageType,"
+# The first line of a table of "Raw" lines alone
+RAW_TABLE: Final = re.compile(
+    r"(?!#|Raw,|MessageType,)(?=.*\bTimeNanos\b)(?=.*\bFullBiasNanos\b).*", re.IGNORECASE
+)
 _KIND: Final = re.compile(r"[A-Za-z]\w*")
 _INTEGER: Final = r"^-?\d{1,18}$|^-?[1-8]\d{18}$"
 _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
@@ -39,6 +44,10 @@ class AndroidLines:
 
 def lines_by_kind(text: str) -> dict[str, AndroidLines]:
     """Return the data lines of each kind that a header line describes, and those of other kinds without columns."""
+    table = RAW_TABLE.match(text)
+    if table is not None:
+        rows = text[table.end() :].splitlines()
+        return {"Raw": AndroidLines(_names(table[0]), [f"Raw,{row}" for row in rows if row])}
     kinds: dict[str, AndroidLines] = {}
     of_all: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):

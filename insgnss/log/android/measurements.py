@@ -60,9 +60,23 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
     measured = _measured(raw)
     plausible = (travel_ns > SHORTEST_NS) & (travel_ns < LONGEST_NS)
     kept = clock.known & identified
+    rounded, positive = _wrong_biases(raw)
     events = clock.events + _told(
         "android_not_used",
-        ("measurement(s) before the receiver knew GPS time left out", ~clock.known),
+        (
+            "measurement(s) left out whose TimeNanos or FullBiasNanos is not written as a whole number: in -1.456e+18"
+            " the last digits are missing",
+            ~clock.known & rounded,
+        ),
+        (
+            "measurement(s) left out whose FullBiasNanos is positive: it is the clock minus GPS time, as"
+            " -1456488152065337057",
+            ~clock.known & positive,
+        ),
+        (
+            "measurement(s) before the receiver knew GPS time left out",
+            ~clock.known & ~rounded & ~positive,
+        ),
         ("measurement(s) of an unknown satellite or signal left out", clock.known & ~identified),
     )
     events += _told(
@@ -87,6 +101,14 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
 def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
     parts = [f"{int(rows.sum())} {what}" for what, rows in groups if rows.any()]
     return [Event(None, kind, "; ".join(parts))] if parts else []
+
+
+def _wrong_biases(raw: AndroidCells) -> tuple[Bool, Bool]:
+    """Return the lines whose time or bias has lost its last digits, and other lines with a bias of the wrong sign."""
+    rounded = np.zeros(raw.n, np.bool_)
+    for name in ("TimeNanos", "FullBiasNanos"):
+        rounded |= np.isfinite(raw.decimals(name)) & ~raw.integers(name)[1]
+    return rounded, (raw.integers("FullBiasNanos")[0] > 0) & ~rounded
 
 
 def _measured(raw: AndroidCells) -> Bool:

@@ -20,7 +20,7 @@ _FLAT: Final = ("+y", "+x", "-z")
 
 
 def read_android(path: Path) -> ReceiverLog:
-    """Read an Android GnssLogger file (plain or gzipped).
+    """Read an Android GnssLogger file, or a table of its "Raw" lines (plain or gzipped).
 
     The inertial table has a row for each gyro sample, the specific force interpolated to it, in the phone's axes (x
     right, y to the top, z out of the screen); magnetic field and pressure are the log's further samples. Lines of other

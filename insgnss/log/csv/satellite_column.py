@@ -88,7 +88,7 @@ def _nameless(first: _SatelliteCell, config: ObservationLog, path: Path) -> Colu
     column, advice = names.sv, "write satellites as in RINEX 3, the system's letter and the number: G05, E11"
     if first.system is not None and system_letter(first.system, config.system_codes) is None:
         column = names.system
-        advice = f"say what its cells mean: gnss.system_codes = {{ {_toml_key(first.system)} = 'G', ... }}"
+        advice = f"say what its cells mean: gnss.system_codes = {{ {toml_key(first.system)} = 'G', ... }}"
     elif contradiction := _contradiction(first, config):
         advice = f"{contradiction[2:]}: correct the one that is wrong, or leave columns.system out"
     elif first.system is None and config.system is None and bare_number(first.satellite) is not None:
@@ -108,6 +108,6 @@ def _contradiction(written: _SatelliteCell, config: ObservationLog) -> str:
     return f"; its name says {own[0]}, the column '{config.columns.system}' says {letter}"
 
 
-def _toml_key(text: str) -> str:
+def toml_key(text: str) -> str:
     """Return text as a key of TOML, in quotes where it needs them."""
     return text if _BARE_KEY.fullmatch(text) else json.dumps(text, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""RINEX observation headers with misaligned lines: rewritten, or left out if nothing needs them."""
+"""RINEX observation headers with misaligned lines: read here, rewritten, or left out if nothing needs them."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ _NEEDED: Final = (
     "END OF HEADER",
 )
 _MOST_LINES: Final = 20
+_SLOTS: Final = "GLONASS SLOT / FRQ #"
+# RINEX 3.05, table A2: I3, 8(1X, A1, I2.2, 1X, I2); Android's GnssLogger writes the first line one column short
+_SLOT: Final = re.compile(r"R([ \d]\d) *([-+]?\d{1,2})(?!\d)")
+_COMMENT: Final = f"{'':{_LABEL}}COMMENT"  # in a line's place, it keeps the numbers of the lines
 _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z]{3})")
 
 
@@ -47,15 +51,66 @@ def mended_header(
             break
         what = "left out" if written is None else "rewritten in its columns"
         events.append(
-            Event(
-                None,
-                "rinex_header_mended",
-                f"{path}:{text.count(chr(10), 0, start) + 1}: {label}: {what}: {line[:_LABEL].strip()}",
-            )
+            _mended(path, text.count("\n", 0, start) + 1, label, f"{what}: {line[:_LABEL].strip()}")
         )
-        # a comment in its place keeps the numbers of the lines
-        text = text[:start] + (written or f"{'':{_LABEL}}COMMENT") + text[stop:]
+        text = text[:start] + (written or _COMMENT) + text[stop:]
     return text, events
+
+
+def glonass_channels(text: str, path: Path) -> tuple[str, dict[str, int], list[Event]]:
+    """Return a text with its lines of GLONASS channels made comments, the channels, and an event of each unread part.
+
+    The channels are read in whatever columns they stand, in the header and in later header records.
+    """
+    channels: dict[str, int] = {}
+    events: list[Event] = []
+    pieces, done = [], 0
+    at = text.find(_SLOTS)
+    while at >= 0:
+        start, end = text.rfind("\n", 0, at) + 1, text.find("\n", at)
+        body = text[start:at]
+        channels |= {f"R{int(slot):02d}": int(channel) for slot, channel in _SLOT.findall(body)}
+        unread = re.sub(r"^ *\d*", "", _SLOT.sub("", body)).split()
+        if unread:
+            line = text.count("\n", 0, start) + 1
+            events.append(_mended(path, line, _SLOTS, f"left out: {' '.join(unread)}"))
+        pieces += [text[done:start], _COMMENT]
+        done = len(text) if end < 0 else end
+        at = text.find(_SLOTS, done)
+    return "".join([*pieces, text[done:]]), channels, events
+
+
+def without_skipped_lines(
+    text: str, parse: Callable[[str], Any], error: type[Exception], path: Path
+) -> tuple[str, list[Event]]:
+    """Return a text without the header lines that the reader cannot read and passes over, and an event of each."""
+    header, end, rest = text.partition("END OF HEADER")
+    lines = header.split("\n")
+    events: list[Event] = []
+    if not end:
+        return text, []
+    try:
+        skipped = parse(header + end).skipped_records
+        for k, line in enumerate(lines[1:], start=1):
+            label = line[_LABEL:].strip()
+            if not skipped:
+                break
+            if not label or label in _NEEDED:
+                continue
+            lines[k] = _COMMENT
+            left = parse("\n".join(lines) + end).skipped_records
+            if left < skipped:
+                events.append(_mended(path, k + 1, label, f"left out: {line[:_LABEL].strip()}"))
+            else:
+                lines[k] = line
+            skipped = left
+    except error:  # the whole text's parse says what is wrong
+        return text, []
+    return "\n".join(lines) + end + rest, events
+
+
+def _mended(path: Path, line: int, label: str, what: str) -> Event:
+    return Event(None, "rinex_header_mended", f"{path}:{line}: {label}: {what}")
 
 
 def _written(line: str, label: str) -> str | None:

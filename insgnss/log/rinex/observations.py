@@ -21,7 +21,7 @@ from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
 from insgnss.log.rinex.hatanaka import sound_start
-from insgnss.log.rinex.header import mended_header
+from insgnss.log.rinex.header import glonass_channels, mended_header, without_skipped_lines
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
 from insgnss.log.rinex.text import split_epochs
@@ -62,21 +62,23 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
 
 def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
     text, events = _observation_text(path)
+    text, channels, told = glonass_channels(text, path)
+    events += told
+    text, told = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+    events += told
     try:
         parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
     except sidereon.SidereonError as error:
-        text, mended = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
-        events += mended
+        text, told = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+        events += told
         blocks = split_epochs(text)
         if not blocks.epochs:
             raise InputError(f"not a RINEX observation file: {error}", file=path) from error
         parsed = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
     events += _damage_events(parsed, path)
     values = ObservationValues()
-    channels: dict[str, int] = {}
     for product, damaged_cells in parsed.stretches:
         events += _collect(product, damaged_cells, values, round(offset_s * NS_PER_S), path)
-        channels |= {f"R{slot:02d}": channel for slot, channel in product.header.glonass_slots}
     table = observation_rows(values, channels)
     if not len(table.t_ns):
         why = f": {parsed.refused[0][1]}" if parsed.refused else ""

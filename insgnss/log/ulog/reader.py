@@ -25,7 +25,7 @@ from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.ubx.reader import read_ubx_bytes
 from insgnss.log.ulog.definitions import check_definitions, sound_messages
-from insgnss.log.ulog.solution import FIXES, SOLUTION, sampled_us, solution
+from insgnss.log.ulog.solution import FIXES, SOLUTION, TRUTH, sampled_us, solution
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
 INERTIAL: Final = ("vehicle_imu", "sensor_combined", "sensor_gyro")
@@ -35,7 +35,7 @@ FURTHER: Final[Mapping[str, tuple[FurtherKind, tuple[str, ...], float]]] = {
     "vehicle_air_data": (BAROMETER, ("baro_pressure_pa",), 0.01),
     "vehicle_magnetometer": (MAGNETOMETER, tuple(f"magnetometer_ga[{k}]" for k in "012"), 100.0),
 }
-_USED: Final = frozenset((*INERTIAL, "sensor_accel", DUMP, *FIXES, *SOLUTION, *FURTHER))
+_USED: Final = frozenset((*INERTIAL, "sensor_accel", DUMP, *FIXES, *SOLUTION, *TRUTH, *FURTHER))
 _RELATIVE_MISSING: Final = 2**31 - 1
 _TO_DEVICE: Final = 0x80  # bit of a dump's length: sent to the receiver, not by it
 _AXES: Final = "012"
@@ -45,8 +45,8 @@ def read_ulog(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLo
     """Read a ULog file (plain or gzipped).
 
     Inertial samples are those of the topic that has most of them (vehicle_imu, sensor_combined, or sensor_gyro with
-    sensor_accel), first instance, in the autopilot's body axes. The reference is the autopilot's own solution, else its
-    receiver's fixes: no truth, quality 2.
+    sensor_accel), first instance, in the autopilot's body axes. The reference is a simulator's truth
+    (quality 1), else the autopilot's own solution or its receiver's fixes: no truth, quality 2.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _tables(
     events += told
     raw, told = _raw(data, path)
     events += told
-    imu, own = None, None
+    imu, own, is_truth = None, None, False
     samples: list[FurtherSamples] = []
     if clock is None:
         events.append(
@@ -79,14 +79,14 @@ def _tables(
     else:
         imu, told = _inertial(data, clock, wanted.get("imu"))
         events += told
-        own, told = solution(data, clock, wanted.get("reference"))
+        own, is_truth, told = solution(data, clock, wanted.get("reference"))
         events += told
         samples, told = _further(data, clock)
         events += told
     events += _not_read(wanted, data)
     advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
     log = assembled(path, raw, imu, own, events, further=samples, holder="ULog", advice=advice)
-    return replace(log, imu_is_mean=True, solution_point="imu")
+    return replace(log, imu_is_mean=True, solution_point="imu", solution_is_truth=is_truth)
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:

@@ -1,13 +1,14 @@
-"""PX4's own solution, or its receiver's fixes, as a reference: no truth, quality 2.
+"""A simulator's truth, PX4's own solution (quality 2, no truth) or its receiver's fixes (the same) as a reference.
 
 The solution is vehicle_global_position with the velocity of vehicle_local_position and the attitude of vehicle_attitude
 (a quaternion from body to north-east-down) that are nearest in time. Where it states its heights above the geoid alone,
-the difference of the receiver's two heights is added.
+the difference of the receiver's two heights is added. A simulator writes its truth into topics of the same columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -21,53 +22,67 @@ from insgnss.tables import Event, Float64, Int64, ReferenceTable
 FIXES: Final = ("vehicle_gps_position", "sensor_gps")
 GLOBAL: Final = "vehicle_global_position"
 SOLUTION: Final = (GLOBAL, "vehicle_local_position", "vehicle_attitude")
+# written by simulators
+TRUTH: Final = tuple(f"{name}_groundtruth" for name in SOLUTION)
+_TRUE: Final = 1.0  # quality
 _FIX_3D: Final = 3
 _LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or attitude paired with it
 Data = Mapping[tuple[str, int], Any]
 
 
-def solution(data: Data, clock: BootClock, wanted: str | None) -> tuple[ReferenceTable | None, list[Event]]:
-    """Return the reference, None when the log has none.
+def solution(
+    data: Data, clock: BootClock, wanted: str | None
+) -> tuple[ReferenceTable | None, bool, list[Event]]:
+    """Return the reference, None when the log has none, whether it is a simulator's truth, and what it is.
 
     Parameters
     ----------
     data : columns of each topic and instance
     wanted : the topic to take, None for the best
     """
+    name = None if wanted is None else wanted.partition(":")[0]
     fixes = max(
-        (key for key in data if key[0] in FIXES and (wanted is None or key[0] == wanted.partition(":")[0])),
+        (key for key in data if key[0] in FIXES and name in (None, key[0])),
         key=lambda key: len(data[key]["timestamp"]),
         default=None,
     )
-    if (GLOBAL, 0) in data and (wanted is None or wanted.startswith(GLOBAL)):
-        found, events = _filtered(data, clock)
-        if found is not None or wanted is not None:
-            return found, events
+    for topics in (TRUTH, SOLUTION):
+        if (topics[0], 0) in data and name in (None, topics[0]):
+            found, events = _filtered(data, clock, topics)
+            if found is not None or wanted is not None:
+                return found, topics is TRUTH, events
     if fixes is None:
-        return None, []
-    return _fixes(data[fixes], fixes[0])
+        return None, False, []
+    found, events = _fixes(data[fixes], fixes[0])
+    return found, False, events
 
 
-def _filtered(data: Data, clock: BootClock) -> tuple[ReferenceTable | None, list[Event]]:
-    rows = data[GLOBAL, 0]
+def _filtered(
+    data: Data, clock: BootClock, topics: tuple[str, ...]
+) -> tuple[ReferenceTable | None, list[Event]]:
+    """Return the rows of the topics of position, velocity and attitude."""
+    places, velocities, attitudes = topics
+    rows = data[places, 0]
     if not {"lat", "lon", "alt", "timestamp"} <= set(rows):
-        return None, [Event(None, "ulog_damaged", f"{GLOBAL} without its columns")]
+        return None, [Event(None, "ulog_damaged", f"{places} without its columns")]
     t_ns = clock.gps_ns(sampled_us(rows))
     place = np.column_stack([np.asarray(rows[name], np.float64) for name in ("lat", "lon", "alt")])
     place[:, 2] += _above_ellipsoid(data, rows)
     kept = distinct_rows(t_ns, np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0))
     if len(kept) < 2:
         return None, []
-    velocity = _beside(data.get(("vehicle_local_position", 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
-    attitude = _beside(
-        data.get(("vehicle_attitude", 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[kept]
-    )
+    velocity = _beside(data.get((velocities, 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
+    attitude = _beside(data.get((attitudes, 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[kept])
     sigma = np.full((len(kept), 9), np.nan)
     for name, columns in (("eph", (0, 1)), ("epv", (2,))):
         if name in rows:
             sigma[:, columns] = stated_sigmas(np.asarray(rows[name], np.float64))[kept, None]
     table = own_reference(t_ns[kept], place[kept], sigma, velocity=velocity, attitude=_euler_deg(attitude))
-    return table, [not_independent(f"PX4's own solution ({', '.join(SOLUTION)})")]
+    listed = ", ".join(topics)
+    if topics is TRUTH:
+        detail = f"the reference is the simulator's truth ({listed})"
+        return replace(table, quality=np.full(len(kept), _TRUE)), [Event(None, "reference_truth", detail)]
+    return table, [not_independent(f"PX4's own solution ({listed})")]
 
 
 def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
@@ -114,7 +129,8 @@ def sampled_us(rows: Any) -> Int64:
 
 def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
     """Return the correction of the solution's heights to the ellipsoid."""
-    if "alt_ellipsoid" in rows:
+    # simulators leave it zero
+    if "alt_ellipsoid" in rows and np.any(rows["alt_ellipsoid"]):
         difference: Float64 = np.asarray(rows["alt_ellipsoid"], np.float64) - np.asarray(
             rows["alt"], np.float64
         )

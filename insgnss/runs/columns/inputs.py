@@ -17,10 +17,10 @@ accel_x accel_y accel_z: specific force or velocity increment along the sensor's
 _GNSS = """
 time_s: receiver time tag of the epoch; `[gnss.time]` states unit, origin and scale; dates and weeks as in
   `imu.csv`
-sv: satellite: constellation's letter and number, as G05. Bare numbers need the column that `columns.system`
-  names (letters, names as GPS, or codes that `system_codes` explains), or `gnss.system`
-signal: RINEX code, as C1C; where the column is missing each constellation's usual first signal is assumed,
-  with an event
+sv: satellite: constellation's letter or name and number, as G05 or GPS 5. Bare numbers need the column
+  that `columns.system` names (letters, names as GPS, or codes that `system_codes` explains), or `gnss.system`
+signal: RINEX code, as C1C, or a name that `gnss.signal_codes` explains; where the column is missing each
+  constellation's usual first signal is assumed, with an event
 pseudorange_m: code pseudorange
 doppler_hz: RINEX sign: positive when the distance shrinks
 range_rate_mps: in place of the Doppler: positive when the distance grows
