@@ -28,6 +28,7 @@ NS_PER_US: Final = 1_000
 S_PER_WEEK: Final = 604_800
 NS_PER_WEEK: Final = S_PER_WEEK * NS_PER_S
 S_PER_DAY: Final = 86_400
+NS_PER_DAY: Final = S_PER_DAY * NS_PER_S
 
 M_PER_KM: Final = 1000.0
 

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from insgnss.config.strict import StrictModel
 
@@ -33,6 +41,7 @@ class TimeScale(StrictModel):
         "gps_week", description="the origin of numbers; 'calendar': dates, as 2025-08-28T17:30:22.961Z"
     )
     date_order: Literal["ymd", "dmy", "mdy"] = Field("ymd", description="of year, month and day in a date")
+    date: dt.date | None = Field(None, description="of the first row, where the log holds times of day alone")
     scale: Literal["gps", "utc"] = Field("gps", description="of dates 'utc' or 'gps' must be given")
     leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
         None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
@@ -54,16 +63,20 @@ class TimeScale(StrictModel):
     def _dates_have_a_scale_and_no_unit(self) -> TimeScale:
         if self.origin != "calendar" and self.date_order != "ymd":
             raise ValueError("date_order is only for dates: write origin = 'calendar' too, or leave it out")
-        if self.origin == "calendar" and self.unit != "s":
+        if self.date is not None and (self.origin != "calendar" or self.date_order != "ymd"):
             raise ValueError(
-                "unit is of numbers: leave it out where origin = 'calendar', or write 's' where columns.time holds"
-                " seconds of the day"
+                "date is of times of day: write origin = 'calendar' too, and leave date_order out"
             )
         if self.origin == "calendar" and "scale" not in self.model_fields_set:
             raise ValueError(
                 "say which time the dates are in: scale = 'utc' (dates that end in Z are), or 'gps'"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _what_is_declared(self, all_keys: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # a unit or an order that is written has a meaning that the default has not: a copy must not write it
+        return {key: value for key, value in all_keys(self).items() if key in self.model_fields_set}
 
 
 def require_different(names: tuple[str, ...], advice: str) -> None:
@@ -85,6 +98,9 @@ class LogColumns(StrictModel):
     date: ColumnName = Field(NO_COLUMN, description="of dates, where the time column holds the time of day")
     week: ColumnName = Field(
         NO_COLUMN, description="of GPS weeks, where the time column holds seconds of them"
+    )
+    nanoseconds: ColumnName = Field(
+        NO_COLUMN, description="added to the numbers of the time column, as ROS writes sec and nanosec"
     )
 
     @model_validator(mode="after")
@@ -122,6 +138,19 @@ class LogTable(StrictModel):
                 raise ValueError(
                     f"columns.{name} goes with time.origin = '{origin}', not '{self.time.origin}'"
                 )
+        if self.time.origin != "calendar":
+            return self
+        if self.columns.nanoseconds != NO_COLUMN:
+            raise ValueError(
+                "columns.nanoseconds goes with times that are numbers, not with origin = 'calendar'"
+            )
+        if self.columns.date != NO_COLUMN and self.time.date is not None:
+            raise ValueError("time.date and columns.date both state the date: leave one of them out")
+        if self.time.unit != "s" and self.columns.date == NO_COLUMN and self.time.date is None:
+            raise ValueError(
+                "unit is of numbers: leave it out where origin = 'calendar', or name the column of dates as"
+                " columns.date where columns.time counts from midnight"
+            )
         return self
 
     @property

@@ -22,7 +22,7 @@ from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import ColumnSelection, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable, read_csv_table
-from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
@@ -77,7 +77,7 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     table = read_csv_table(path, wanted_with_time(config, _wanted(names)))
     t_ns, rows, timing = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
-    t_ns, continued = continued_week(t_ns, previous_ns, str(path))
+    t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
     pseudorange_m = _values(table, names.pseudorange, path, required=True)

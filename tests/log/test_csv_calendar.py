@@ -338,7 +338,7 @@ def test_dates_of_two_columns_are_refused_with_the_key_that_reads_them(
         ({"origin": "calendar", "scale": "utc"}, "45924.3991", "days since 1899-12-30"),
         ({"origin": "calendar", "scale": "utc"}, "24-Sep-2025", "no time of day"),
         ({"origin": "calendar", "scale": "utc"}, "24092025", "no time of day"),
-        ({"origin": "calendar", "scale": "utc"}, "24/09/25 17:30:22", "four digits"),
+        ({"origin": "calendar", "scale": "utc"}, "24/09/25 17:30:22", "'dmy' if this is 2025-09-24"),
         ({}, "24-Sep-2025 09:34:42.000", "origin = 'calendar' and scale = 'utc'"),
         ({}, "2025:267:09:34:42.0", "origin = 'calendar' and scale = 'utc'"),
         ({}, "24.09.2025 09:34:42", "origin = 'calendar', date_order = 'dmy' and scale = 'utc'"),

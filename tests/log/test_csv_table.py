@@ -319,8 +319,10 @@ def test_too_many_bad_rows_are_an_error_naming_the_first(tmp_path: Path) -> None
     "lines",
     [
         [line.replace(",", ";").replace(".", ",") for line in (HEADER, *ROWS)],
-        [HEADER, *ROWS[:5], '5.5,"1,234.5",0,n', *ROWS[6:]],
-        [HEADER.replace(",", ";"), *(row.replace(",", ";") for row in ROWS[:5]), "5.5;1'234.5;0;n"],
+        [HEADER, *ROWS[:90], *(f'{k}.5,"1,234.5",0,n' for k in range(90, 100))],
+        [HEADER.replace(",", ";"), *(row.replace(",", ";") for row in ROWS[:5]), *["5.5;1'234.5;0;n"] * 4],
+        [HEADER.replace(",", ";"), "1.5;2,5;0;n"],
+        [HEADER.replace(",", "\t"), *(f"{k}.5\t1\t\tn" for k in range(90)), *["90.5\t1\t0,25\tn"] * 6],
     ],
 )
 def test_decimal_commas_and_thousands_separators_are_an_error_with_advice(
@@ -328,6 +330,35 @@ def test_decimal_commas_and_thousands_separators_are_an_error_with_advice(
 ) -> None:
     with pytest.raises(ColumnError, match="decimal point"):
         read(tmp_path, lines)
+
+
+@pytest.mark.parametrize("cell", ["-0,0001766", "1_000", "1'234.5"])
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+@pytest.mark.parametrize("column", [1, 2])
+def test_few_cells_with_a_comma_cost_their_rows_and_not_the_file(
+    tmp_path: Path, cell: str, delimiter: str, column: int
+) -> None:
+    """A flipped bit makes a comma of a point: only a file written so throughout has decimal commas."""
+    lines = swapped(delimiter)
+    for k in (7, 60):
+        cells = lines[k].split(delimiter)
+        cells[column] = cell
+        lines[k] = delimiter.join(cells)
+    table = read(tmp_path, lines)
+    kind = {1: "bad_row", 2: "bad_cell"}[column]
+    events = [event.detail for event in table.events if event.kind == kind]
+    assert len(events) == 2 and f"log.csv:8, column '{'xy'[column - 1]}': '{cell}'" in events[0]
+    assert table.n == (98 if column == 1 else 100)
+
+
+def test_rows_refused_for_commas_in_several_columns_are_refused_with_that_advice(tmp_path: Path) -> None:
+    lines = swapped(";")
+    for k in range(4, 9):
+        lines[k] = f"{k},5;1.0;0;n"
+        lines[k + 20] = f"{k + 20}.5;1,0;0;n"
+    with pytest.raises(ColumnError, match="10 of 100 rows") as caught:
+        read(tmp_path, lines)
+    assert "decimal = ','" in caught.value.advice
 
 
 def test_missing_column_names_the_nearest_and_those_present(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from insgnss.errors import TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.tables import Event, Int64
 from tests.log.writing import WEEK, write_lines
 
@@ -141,7 +141,7 @@ def test_wrong_unit_or_origin_is_a_time_error(
 def test_next_file_may_go_on_after_the_weeks_end() -> None:
     last = WEEK * WEEK_NS + 604_799 * 10**9
     t_ns = np.array([WEEK * WEEK_NS, WEEK * WEEK_NS + 10**9])
-    continued, events = continued_week(t_ns, last, "b.csv")
-    assert np.array_equal(continued, t_ns + WEEK_NS) and len(events) == 1
-    same, none = continued_week(t_ns, last - 2 * 3600 * 10**9, "b.csv")
+    later, events = continued_times(t_ns, last, LogTable(), "b.csv")
+    assert np.array_equal(later, t_ns + WEEK_NS) and len(events) == 1
+    same, none = continued_times(t_ns, last - 2 * 3600 * 10**9, LogTable(), "b.csv")
     assert np.array_equal(same, t_ns) and not none

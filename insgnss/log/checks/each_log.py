@@ -47,6 +47,7 @@ NOTICES: Final = frozenset(
         "glonass_slot_found",
         "imu_increment_over_long_step",
         "leap_seconds_by_date",
+        "midnight_crossover",
         "navigation_not_used",
         "navigation_repeated",
         "reference_rows_left_out",

@@ -11,21 +11,27 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_DAY, NS_PER_S
 from insgnss.gpstime import LEAP_SECONDS, UNIX_TO_GPS_S
-from insgnss.log.csv.date_forms import DateForm, with_numbers
+from insgnss.log.csv.cells import integers
+from insgnss.log.csv.date_forms import DateForm, full_year, with_numbers
 from insgnss.tables import Bool, Int64
 
 _SHORTEST: Final = len("2025-08-28T17:30:22")  # pyarrow takes a date alone for its midnight
 _FIRST_YEAR, _LAST_YEAR = 1969, 2261  # local dates of nanoseconds since 1970 in 64 bits
+_DAY_DIGITS: Final = len(str(NS_PER_DAY - 1))
 _UNIX_EPOCH: Final = dt.datetime(1970, 1, 1)
 _DAY: Final = dt.timedelta(days=1)
-_FRACTION: Final = r"^(?P<before>.*?[Tt\s:]\d[\d:]*)(?:(?P<mark>[.,])(?P<fraction>\d+))?(?P<after>[^.,]*)$"
+_FRACTION: Final = (
+    r"^(?P<before>(?:.*?[Tt\s:_]|\d{6})\d[\d:]*)(?:(?P<mark>[.,])(?P<fraction>\d+))?(?P<after>[^.,]*)$"
+)
 _COLON_MS: Final = r"(:\d\d:\d\d):(\d{3})([^\d:].*)?$"  # 17:30:22:961
-_ZONE: Final = r"[Tt\s:]\d[\d:]*([.,]\d+)?\s*([AaPp][Mm])?\s*([Zz]|UTC|[+-]\d\d(:?\d\d)?)$"
+_ZONE: Final = (
+    r"([Tt\s:_]|\d{6})\d[\d:]*([.,]\d+)?\s*([AaPp][Mm])?\s*([Zz]|(UTC|GMT)(\s+\d{4})?|[+-]\d\d(:?\d\d)?)$"
+)
 _MOMENT: Final = re.compile(
-    r"(\d+)([-/.])(\d\d?)\2(\d+)(?:[Tt]|\s+)(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)[.,]?)?"
-    r"\s*(?:(?P<half>[AaPp])[Mm])?\s*(?:[Zz]|UTC|(?P<east>[+-]\d\d):?(?P<minutes>\d\d)?)?",
+    r"(\d+)([-/.:])(\d\d?)\2(\d+)(?:[Tt]|\s+)(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)[.,]?)?"
+    r"\s*(?:(?P<half>[AaPp])[Mm])?\s*(?:[Zz]|UTC|GMT|(?P<east>[+-]\d\d):?(?P<minutes>\d\d)?)?",
     re.ASCII,
 )
 _LEAP_DAYS_S: Final = np.array([day for day, _ in LEAP_SECONDS], "datetime64[s]").astype(np.int64)
@@ -55,14 +61,29 @@ class Calendar:
     order: Literal["ymd", "dmy", "mdy"]
     scale: Literal["gps", "utc"]
     leap_seconds: int | None
-    is_order_declared: bool = False  # dates of six digits are read then
-    has_day_seconds: bool = (
-        False  # the flight file says that a number in the column of times is seconds of the day
+    is_order_declared: bool = False  # years of two digits are read then
+    date: dt.date | None = None  # of every row, where the one column holds times of day
+    day_digits: int | None = (
+        None  # a number in the column of times counts 10^digits ns of its day; None: undeclared
     )
+
+    @property
+    def has_time_apart(self) -> bool:
+        """Whether the times of day stand in a column of their own."""
+        return len(self.columns) == 2 or self.date is not None
 
     def to_gps(self, parts: list[pa.Array]) -> tuple[Int64, Bool]:
         """Return GPS time [ns] of each cell, and which cells are dates with a time; fractions round half to even."""
-        return self.text_to_gps(self.joined(parts))
+        if self.day_digits is None or not self.has_time_apart:
+            return self.text_to_gps(self.joined(parts))
+        times = pc.ascii_trim_whitespace(parts[-1])
+        # longer numbers are beyond a day: six digits may be hours, minutes and seconds
+        is_count = pc.match_substring_regex(times, rf"^\d{{1,{_DAY_DIGITS - self.day_digits}}}([.,]\d*)?$")
+        counts = pc.replace_substring(pc.if_else(is_count, times, "0"), ",", ".")
+        after_ns, _ = integers(counts, self.day_digits, ".")
+        midnights = pc.if_else(is_count, "00:00:00", times)
+        t_ns, readable = self.text_to_gps(self.joined([*parts[:-1], midnights]))
+        return t_ns + after_ns, readable & (after_ns < NS_PER_DAY)
 
     def text_to_gps(self, cells: pa.Array) -> tuple[Int64, Bool]:
         """Return the same of cells that hold both date and time."""
@@ -82,7 +103,7 @@ class Calendar:
     @property
     def form(self) -> DateForm:
         """What the flight file declares about the text of a date."""
-        return DateForm(self.order, self.is_order_declared, self.has_day_seconds and len(self.columns) == 2)
+        return DateForm(self.order, self.is_order_declared, self.has_time_apart)
 
     def contradicting_cell(self, parts: list[pa.Array]) -> tuple[int, str] | None:
         """Return the first cell with a zone, which only UTC has, where GPS time is declared; None without one."""
@@ -93,13 +114,15 @@ class Calendar:
         return None if place < 0 else (place, cells[place].as_py())
 
     def joined(self, parts: list[pa.Array]) -> pa.Array:
-        """Return the cells of one or two columns as one column of strings."""
+        """Return the cells of one or two columns, or of times after the date of all, as one column of strings."""
         stripped = [pc.ascii_trim_whitespace(part) for part in parts]
+        if self.date is not None:
+            stripped.insert(0, pa.scalar(f"{self.date}", stripped[0].type))
         return stripped[0] if len(stripped) == 1 else _join(stripped, "T")
 
 
 def _join(parts: list[pa.Array], between: str) -> pa.Array:
-    return pc.binary_join_element_wise(*parts, pa.scalar(between, parts[0].type))
+    return pc.binary_join_element_wise(*parts, pa.scalar(between, parts[-1].type))
 
 
 def has_zone(cells: pa.Array) -> pa.Array:
@@ -139,11 +162,16 @@ def _any_form(cells: pa.Array, form: DateForm) -> tuple[Int64, Bool, Bool]:
 
 def _moment(text: str, form: DateForm) -> _Moment:
     """Return what a date with its time and zone means."""
-    text, order = with_numbers(text, form)
+    order = form.order
     match = _MOMENT.fullmatch(text)
+    if match is None:
+        text, order = with_numbers(text, form)
+        match = _MOMENT.fullmatch(text)
     if match is None:
         return _UNREADABLE
     date = dict(zip(order, (match[1], match[3], match[4]), strict=True))
+    if len(date["y"]) == 2 and form.is_order_declared:
+        date["y"] = full_year(date["y"])
     hour, second, minutes = int(match["hour"]), int(match["second"] or 0), int(match["minutes"] or 0)
     if len(date["y"]) != 4 or len(date["d"]) > 2 or minutes > 59 or (match["half"] and not 1 <= hour <= 12):
         return _UNREADABLE

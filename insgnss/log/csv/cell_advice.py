@@ -31,7 +31,10 @@ def number_advice(cell: str) -> str:
             f"these are dates: write origin = 'calendar'{order} and scale = 'utc' (or 'gps') under {_TABLES}"
         )
     if _CLOCK.match(cell):
-        return "these are times of day: name the column of their dates as columns.date, with time.origin = 'calendar'"
+        return (
+            "these are times of day: name the column of their dates as columns.date, or write their date as time.date,"
+            " with time.origin = 'calendar'"
+        )
     if _is_date_alone(cell):
         return "these are dates: name this column as columns.date, that of the times of day as columns.time"
     return "check under 'columns' in the flight file which column holds what"
@@ -42,11 +45,11 @@ def date_advice(cell: str, calendar: Calendar) -> str:
     if orders := _dates_by_order(cell, calendar):
         found = ", ".join(f"'{order}' if this is {date}" for order, date in orders.items())
         return f"write time.date_order under {_TABLES}: {found}"
-    if not calendar.has_day_seconds and _dates_by_order(cell, replace(calendar, has_day_seconds=True)):
-        return (
-            f"for seconds of the day write time.unit = 's' under {_TABLES}; times without colons have six digits,"
-            " as 093442.000: write the zero in front that the recorder left out"
-        )
+    for digits, unit in ((9, "s"), (6, "ms")):
+        if calendar.day_digits is None and _dates_by_order(cell, replace(calendar, day_digits=digits)):
+            return f"for a count since midnight write time.unit = '{unit}' under {_TABLES} (s, ms, us or ns)"
+    if calendar.day_digits is not None and _dates_by_order(cell, replace(calendar, day_digits=None)):
+        return f"leave time.unit out under {_TABLES}: these are hours, minutes and seconds, not a count since midnight"
     if _SERIAL_DAYS.match(cell):
         return (
             "a spreadsheet stores dates as days since 1899-12-30, as 45924.399 for 2025-09-24 09:34: such numbers are"
@@ -58,25 +61,27 @@ def date_advice(cell: str, calendar: Calendar) -> str:
             "these are numbers, not dates: declare time.unit and time.origin ('gps_week', 'gps_epoch' or 'unix_epoch')"
             " instead of origin = 'calendar'"
         )
-    if len(calendar.columns) == 1 and _is_date_alone(cell):
+    if not calendar.has_time_apart and _is_date_alone(cell):
         return (
             "the cell has no time of day: name this column as columns.date, that of the times as columns.time"
         )
-    if _CLOCK.match(cell) and not _DATE.match(cell) and cell[0].isdigit() and len(calendar.columns) == 1:
-        return "the cell has no date: name the column of dates as columns.date"
+    if _CLOCK.match(cell) and not _DATE.match(cell) and cell[0].isdigit() and not calendar.has_time_apart:
+        return f"the cell has no date: name the column of dates as columns.date, or write time.date under {_TABLES}"
     return (
         f"time.date_order = '{calendar.order}' reads {_EXAMPLES[calendar.order]} 17:30:22.961, with T or a space"
         " between them, and a zone (Z, +02:00) after them; the orders are 'ymd', 'dmy' and 'mdy'. Every order also"
-        " reads 28-Aug-2025 (English names) and 2025:240 (day of the year). The year has four digits"
+        " reads 28-Aug-2025 (English names) and 2025:240 (day of the year). The year has four digits, or two where"
+        " date_order is written"
     )
 
 
 def _dates_by_order(cell: str, calendar: Calendar) -> dict[str, str]:
     """Return what a cell means in each order of year, month and day that reads it."""
     found = {}
-    for order in _ORDERS:
+    parts = cell.rsplit("T", 1) if calendar.has_time_apart else [cell]
+    for order in _ORDERS if calendar.date is None else _ORDERS[:1]:
         declared = replace(calendar, order=order, is_order_declared=True)
-        t_ns, readable = declared.text_to_gps(pa.array([cell]))
+        t_ns, readable = declared.to_gps([pa.array([part]) for part in parts[-len(calendar.columns) :]])
         if readable[0]:
             found[str(order)] = f"{ns_to_datetime(int(t_ns[0])):%Y-%m-%d}"
     return found

@@ -26,8 +26,23 @@ _NAMED: Final = [
 _DAY_OF_YEAR: Final = re.compile(r"(\d{4})[-/: ](\d{3})(?:[Tt\s]+|:)(?=\d)", re.ASCII)
 _COMPACT: Final = re.compile(r"(\d{6}|\d{8})(?=[Tt\s])", re.ASCII)
 _COMPACT_TIME: Final = re.compile(r"(?<=[Tt\s])(\d\d)(\d\d)(\d\d)", re.ASCII)
-_DAY_SECONDS: Final = re.compile(r"(?<=[Tt])\d{1,5}(?=[.,]?$)", re.ASCII)
-_SECONDS_PER_DAY: Final = 86_400
+_SHORT_TIME: Final = re.compile(r"(?<=T)\d{1,5}(?=[.,]?$)", re.ASCII)
+_WEEKDAY: Final = re.compile(r"(?:mon|tue|wed|thu|fri|sat|sun)[a-z]*\.?,?\s+", re.IGNORECASE)
+_REWRITTEN: Final = (
+    # 20250924093443, and 240925093443 with a declared order
+    (re.compile(r"(\d{8}|\d{6})(\d{6})(?=\D|$)", re.ASCII), r"\1T\2"),
+    (  # 2025 09 24 09 34 43
+        re.compile(r"(\d+)\s+(\d\d?)\s+(\d+)\s+(\d\d?)\s+(\d\d?)\s+(\d\d?[.,]?)$", re.ASCII),
+        r"\1-\2-\3T\4:\5:\6",
+    ),
+    (  # Sep 24 09:34:43 2025, with UTC or GMT before the year
+        re.compile(
+            rf"{_MONTH}\s+{_DAY}\s+(?P<clock>[\d:]+[.,]?)(?P<zone>\s(?:UTC|GMT))?\s+{_YEAR}$",
+            re.IGNORECASE | re.ASCII,
+        ),
+        r"\g<day> \g<month> \g<year> \g<clock>\g<zone>",
+    ),
+)
 _FIRST_SHORT_YEAR: Final = 80  # NMEA's years of two digits: 80 to 99 are 1980 to 1999
 
 
@@ -36,17 +51,24 @@ class DateForm(NamedTuple):
 
     order: str
     is_order_declared: bool = False
-    has_day_seconds: bool = False
+    has_time_apart: bool = False  # the time of day comes from a column of its own
 
 
 def with_numbers(text: str, form: DateForm) -> tuple[str, str]:
     """Return a date and time with numbers and marks between them, and the order of its year, month and day.
 
     A month's name and a day of the year need no declared order. Six digits are read where the order is declared.
+    A time of up to five digits in a column of its own lost its leading zeros, as spreadsheets take them off NMEA's.
     Text in none of these forms stays.
     """
-    if form.has_day_seconds:
-        text = _DAY_SECONDS.sub(_clock, text)
+    text = text.replace("_", "T")  # 2025-09-24_09:34:43
+    if match := _WEEKDAY.match(text):
+        text = text[match.end() :]
+    for expression, pattern in _REWRITTEN:
+        if match := expression.match(text):
+            text = match.expand(pattern) + text[match.end() :]
+    if form.has_time_apart:
+        text = _SHORT_TIME.sub(lambda short: short[0].zfill(6), text)
     text = _COMPACT_TIME.sub(r"\1:\2:\3", text)
     for expression, date in _FORMS:
         if match := expression.match(text):
@@ -59,12 +81,9 @@ def _rest(text: str, match: re.Match[str]) -> str:
     return text[match.end() :].lstrip().removeprefix("T").removeprefix("t")
 
 
-def _clock(match: re.Match[str]) -> str:
-    """Return seconds of the day as hours, minutes and seconds; more than a day has stay."""
-    seconds = int(match[0])
-    if seconds >= _SECONDS_PER_DAY:
-        return match[0]
-    return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+def full_year(digits: str) -> str:
+    """Return a year of two digits with its century: 80 to 99 are 1980 to 1999."""
+    return f"{'19' if int(digits) >= _FIRST_SHORT_YEAR else '20'}{digits}"
 
 
 def _named(match: re.Match[str], _: DateForm) -> tuple[str, str]:
@@ -93,7 +112,7 @@ def _compact(match: re.Match[str], form: DateForm) -> tuple[str, str] | None:
         at += length
     if year == 2:
         k = form.order.index("y")
-        parts[k] = f"{'19' if int(parts[k]) >= _FIRST_SHORT_YEAR else '20'}{parts[k]}"
+        parts[k] = full_year(parts[k])
     return "-".join(parts), form.order
 
 

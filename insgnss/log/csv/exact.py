@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -150,7 +151,7 @@ class _ColumnReader:
         empty = pc.is_in(cells, value_set=pa.array(EMPTY_CELLS, cells.type)).to_numpy(zero_copy_only=False)
         self.unreadable[name] = ~(readable | empty)
         bad = np.flatnonzero(self.unreadable[name])
-        self._refuse_foreign_numbers(name, cells, bad)
+        self._refuse_foreign_numbers(name, cells, bad, int((~empty).sum()))
         complaints = self._complaints(name, cells, bad, _NO_NUMBER)
         self.rows.events += _bad_events("bad_cell", self.path, complaints, "cell left empty")
 
@@ -164,10 +165,12 @@ class _ColumnReader:
     ) -> None:
         bad = np.flatnonzero(self.good & ~readable)
         if fault == _NO_NUMBER:
-            self._refuse_foreign_numbers(name, cells, bad)
+            self._refuse_foreign_numbers(name, cells, bad, len(cells))
         self.refused += self._complaints(name, cells, bad, fault)
         if len(bad):
-            self.advice[name] = advice(cells[int(bad[0])].as_py())
+            first = cells[int(bad[0])].as_py()
+            foreign = foreign_number(first, self.decimal) if fault == _NO_NUMBER else None
+            self.advice[name] = advice(first) if foreign is None else foreign[1]
         self.good &= readable
 
     def _complaints(
@@ -179,18 +182,28 @@ class _ColumnReader:
             for line, cell in zip(self.lines[bad].tolist(), texts, strict=True)
         ]
 
-    def _refuse_foreign_numbers(self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp]) -> None:
-        for i in bad[:1000]:
-            cell = cells[int(i)].as_py()
-            if (found := foreign_number(cell, self.decimal)) is not None:
-                message, advice = found
-                line = int(self.lines[i])
-                raise ColumnError(message, file=self.path, line=line, column=name, advice=advice)
+    def _refuse_foreign_numbers(
+        self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp], filled: int
+    ) -> None:
+        """Raise when so many of a column's filled cells are such numbers that it is not damage of a few cells."""
+        most = min(_most_bad(filled), filled / 2)
+        if len(bad) <= most:
+            return
+        texts = cells.take(pa.array(bad)).to_pylist()
+        foreign = (
+            (i, found)
+            for i, cell in zip(bad, texts, strict=True)
+            if (found := foreign_number(cell, self.decimal)) is not None
+        )
+        seen = list(islice(foreign, int(most) + 1))
+        if len(seen) > most:
+            i, (message, advice) = seen[0]
+            raise ColumnError(message, file=self.path, line=int(self.lines[i]), column=name, advice=advice)
 
     def check_share(self) -> None:
         """Raise when so many rows are bad that the file is something else than the flight file says."""
         total = len(self.lines) + sum(complaint.column is None for complaint in self.refused)
-        if len(self.refused) <= max(MAX_BAD_SHARE * total, MAX_BAD_ROWS_SMALL_FILE):
+        if len(self.refused) <= _most_bad(total):
             return
         first = sorted(self.refused, key=lambda complaint: complaint.line)[:5]
         listed = "; ".join(
@@ -235,6 +248,11 @@ def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: st
         return Event(None, kind, f"{place}: {complaint.reason}; {outcome}")
 
     return first_events(complaints, event, path, outcome)
+
+
+def _most_bad(total: int) -> float:
+    """Return how many of so many rows may be bad before the file is something else than declared."""
+    return max(MAX_BAD_SHARE * total, MAX_BAD_ROWS_SMALL_FILE)
 
 
 def _short(cell: str) -> str:

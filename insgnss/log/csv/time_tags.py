@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.config.log_table import NO_COLUMN, LogTable, TimeScale
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.constants import NS_PER_DAY, NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.csv.calendar import Calendar
@@ -24,6 +24,7 @@ NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 CROSSOVER_TOLERANCE_NS: Final = 3600 * NS_PER_S  # a log may pause that long over the week's end
 LATEST_NS: Final = 9_999 * NS_PER_WEEK  # later values are not dates of a log
+ROLLOVER_WEEKS: Final = 1024  # the week of GPS messages has ten bits
 MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over some week ends
 # from the middle of the log: no log lasts a year, an unset clock is years off
 STRAY_NS: Final = 183 * 86_400 * NS_PER_S
@@ -50,11 +51,14 @@ def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
             scale.scale,
             scale.leap_seconds,
             is_order_declared="date_order" in declared,
-            has_day_seconds="unit" in declared and len(columns) == 2,
+            date=scale.date,
+            day_digits=_DIGITS[scale.unit] if "unit" in declared else None,
         )
         return replace(wanted, calendar=calendar)
+    if names.nanoseconds != NO_COLUMN:
+        wanted = replace(wanted, exact={names.nanoseconds: 0})
     if is_exact(scale):
-        return replace(wanted, exact={names.time: _DIGITS[scale.unit]})
+        return replace(wanted, exact={names.time: _DIGITS[scale.unit], **wanted.exact})
     week = () if names.week == NO_COLUMN else (names.week,)
     return replace(wanted, numeric=(*week, names.time, *wanted.numeric))
 
@@ -73,32 +77,69 @@ def gps_times(
     TimeError : most times lie outside any GPS date: wrong unit or origin
     """
     names, scale = log.columns, log.time
-    column = names.time if names.week == NO_COLUMN else f"{names.week}' and '{names.time}"
+    columns = [name for name in (names.week, names.time, names.nanoseconds) if name != NO_COLUMN]
+    column = "' and '".join(columns)
     if is_exact(scale):
         t_ns = table.exact[names.time]
         if scale.origin == "unix_epoch":
             t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
         possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
     else:
-        with np.errstate(over="ignore"):  # 1e308 s: infinite, and refused as such
-            ns = table.columns[names.time] * NS_PER_UNIT[scale.unit]
-        possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
-        if names.week != NO_COLUMN:
-            weeks = table.columns[names.week]
-            possible &= (weeks == np.rint(weeks)) & (weeks >= 0) & (weeks <= LATEST_NS // NS_PER_WEEK)
-        t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
-        if names.week != NO_COLUMN:
-            t_ns += np.where(possible, weeks, 0.0).astype(np.int64) * NS_PER_WEEK
+        t_ns, possible = _of_weeks(table, log)
+    if names.nanoseconds != NO_COLUMN:
+        fraction_ns = table.exact[names.nanoseconds]
+        possible &= (fraction_ns >= 0) & (fraction_ns < NS_PER_S)
+        t_ns = t_ns + np.where(possible, fraction_ns, 0)
     rows, events = _possible_rows(table, column, scale, possible)
     has_date = is_exact(scale) or names.week != NO_COLUMN
+    if names.week != NO_COLUMN:
+        _require_whole_weeks(table, log, t_ns if rows is None else t_ns[rows])
     if has_date:
         rows, found = _rows_of_one_log(table, column, t_ns, rows)
         events += found
     t_ns = t_ns if rows is None else t_ns[rows]
+    if names.date != NO_COLUMN or scale.date is not None:
+        events += _unwrap_days(t_ns, scale, str(table.path))
     if not has_date:
         events += _unwrap_week(t_ns, str(table.path), week)
         t_ns += week * NS_PER_WEEK
     return _to_gps(t_ns, scale, str(table.path), events), rows, events
+
+
+def _of_weeks(table: CsvTable, log: LogTable) -> tuple[Int64, Bool]:
+    """Return seconds of the week in ns, with the week where a column has it, and which rows hold possible ones."""
+    names = log.columns
+    with np.errstate(over="ignore"):  # 1e308 s: infinite, and refused as such
+        ns = table.columns[names.time] * NS_PER_UNIT[log.time.unit]
+    possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
+    if names.week != NO_COLUMN:
+        weeks = table.columns[names.week]
+        possible &= (weeks == np.rint(weeks)) & (weeks >= 0) & (weeks <= LATEST_NS // NS_PER_WEEK)
+    t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
+    if names.week != NO_COLUMN:
+        t_ns += np.where(possible, weeks, 0.0).astype(np.int64) * NS_PER_WEEK
+    return t_ns, possible
+
+
+def _require_whole_weeks(table: CsvTable, log: LogTable, t_ns: Int64) -> None:
+    """Refuse weeks that a receiver counts modulo 1024, unless ``offset_s`` mends them.
+
+    Raises
+    ------
+    TimeError : the log would be of before August 1999
+    """
+    week = middle_ns(t_ns) // NS_PER_WEEK
+    if week + log.time.offset_s * NS_PER_S / NS_PER_WEEK >= ROLLOVER_WEEKS:
+        return
+    offset_s = 2 * ROLLOVER_WEEKS * NS_PER_WEEK // NS_PER_S
+    raise TimeError(
+        f"GPS week {week} is of {ns_to_datetime(week * NS_PER_WEEK):%Y}: the receiver counts weeks modulo"
+        f" {ROLLOVER_WEEKS}",
+        file=table.path,
+        column=log.columns.week,
+        advice=f"add {2 * ROLLOVER_WEEKS} weeks in the file, or write time.offset_s = {offset_s} in the flight file"
+        f" (of logs before April 2019 half of it); for a log that is so old give gps_week in place of columns.week",
+    )
 
 
 def _possible_rows(
@@ -156,46 +197,111 @@ def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: 
     return first_events(range(len(bad)), event, table.path, "row refused")
 
 
+def _turns(t_ns: Int64, period_ns: int) -> tuple[npt.NDArray[np.intp], Int64]:
+    """Return the rows before which the tags step by about whole periods, and by how many: -1 where a count restarts.
+
+    A step of +1 is of a row out of order around the restart.
+    """
+    step = np.diff(t_ns)
+    far = np.flatnonzero(np.abs(step) > period_ns - CROSSOVER_TOLERANCE_NS)
+    n = np.rint(step[far] / period_ns).astype(np.int64)
+    whole = np.abs(step[far] - n * period_ns) < CROSSOVER_TOLERANCE_NS
+    return far[whole] + 1, n[whole]
+
+
 def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:
     """Add a week, in place, to all tags after each fall of the seconds of the week by about 604800."""
-    step = np.diff(t_ns)
-    falls = np.flatnonzero(np.abs(step + NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)
-    if not len(falls):
+    turns, n = _turns(t_ns, NS_PER_WEEK)
+    if not (n == -1).any():
         return []
-    rises = np.flatnonzero(np.abs(step - NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)  # rows out of order around it
     weeks = np.zeros(len(t_ns), np.int64)
-    np.add.at(weeks, falls + 1, 1)
-    np.add.at(weeks, rises + 1, -1)
+    weeks[turns] = -n * (np.abs(n) == 1)
     t_ns += np.cumsum(weeks) * NS_PER_WEEK
-    when = int(t_ns[falls[0] + 1]) + week * NS_PER_WEEK
+    first = int(turns[n == -1][0])
+    when = int(t_ns[first]) + week * NS_PER_WEEK
     detail = (
-        f"{file}: the seconds of the week start again at row {falls[0] + 2}; counted on into week {week + 1}"
+        f"{file}: the seconds of the week start again at row {first + 1}; counted on into week {week + 1}"
     )
     return [Event(when, "week_crossover", detail)]
+
+
+def _unwrap_days(t_ns: Int64, scale: TimeScale, file: str) -> list[Event]:
+    """Add a day, in place, to all tags after each fall of the time of day by about 86400 s while the date stays.
+
+    Where the date goes on later, the tags fit again from there. Rows that are not in the order of time stay.
+    """
+    turns, n = _turns(t_ns, NS_PER_DAY)
+    leap_ns = _leap_seconds_of(scale, int(t_ns[0])) * NS_PER_S if scale.scale == "utc" else 0
+    day = (np.stack((t_ns[turns - 1], t_ns[turns])) - leap_ns) // NS_PER_DAY
+    same_date = day[0] == day[1]
+    days = np.zeros(len(t_ns), np.int64)
+    ahead = 0  # days that the tags were counted on before the row
+    midnights = []
+    for row, step, same in zip(turns.tolist(), n.tolist(), same_date.tolist(), strict=True):
+        if step == -1 and (same or ahead):
+            midnights.append(row)
+        elif not 0 < step <= ahead:
+            continue
+        days[row] = -step
+        ahead -= step
+    if not midnights:
+        return []
+    unwrapped = t_ns + np.cumsum(days) * NS_PER_DAY
+    if not _is_in_order(unwrapped, len(midnights)):
+        return []
+    t_ns[:] = unwrapped
+    detail = f"{file}: the time of day starts again at row {midnights[0] + 1} with the same date; counted on"
+    return [Event(int(t_ns[midnights[0]]), "midnight_crossover", f"{detail} into the next day")]
+
+
+def _is_in_order(t_ns: Int64, n_midnights: int) -> bool:
+    """Return whether tags with midnights counted on are a log's: not a day's rows sorted by satellite, say.
+
+    Such a file falls back by hours at many satellites, and by a whole day at some.
+    """
+    few = len(t_ns) // 100
+    ordered = np.partition(t_ns, (few, len(t_ns) - 1 - few))
+    if int(ordered[len(t_ns) - 1 - few]) - int(ordered[few]) < NS_PER_DAY:
+        return True
+    return int(np.count_nonzero(np.diff(t_ns) < -CROSSOVER_TOLERANCE_NS)) <= n_midnights
 
 
 def _to_gps(t_ns: Int64, scale: TimeScale, file: str, events: list[Event]) -> Int64:
     """Return the times with leap seconds and the declared offset added."""
     shift = round(scale.offset_s * NS_PER_S)
     if scale.scale == "utc":
-        leap = scale.leap_seconds
-        if leap is None:
-            utc = ns_to_datetime(middle_ns(t_ns))
-            leap = leap_seconds(dt.datetime(utc.year, utc.month, utc.day))
-            events.append(
-                Event(
-                    None, "leap_seconds_by_date", f"{file}: UTC; {leap} s added by its date, {utc:%Y-%m-%d}"
-                )
-            )
+        middle = middle_ns(t_ns)
+        leap = _leap_seconds_of(scale, middle)
+        if scale.leap_seconds is None:
+            detail = f"{file}: UTC; {leap} s added by its date, {ns_to_datetime(middle):%Y-%m-%d}"
+            events.append(Event(None, "leap_seconds_by_date", detail))
         if scale.origin != "calendar":  # each date has its own already
             shift += leap * NS_PER_S
     return t_ns + shift if shift else t_ns
 
 
-def continued_week(t_ns: Int64, previous_ns: int | None, file: str) -> tuple[Int64, list[Event]]:
-    """Return the times of a file, a week later when it goes on where the file before it crossed the week's end."""
-    if previous_ns is None or abs(int(t_ns[0]) + NS_PER_WEEK - previous_ns) > CROSSOVER_TOLERANCE_NS:
+def _leap_seconds_of(scale: TimeScale, t_ns: int) -> int:
+    """Return the declared leap seconds, else those of the date of a tag [s]."""
+    if scale.leap_seconds is not None:
+        return scale.leap_seconds
+    utc = ns_to_datetime(t_ns)
+    return leap_seconds(dt.datetime(utc.year, utc.month, utc.day))
+
+
+def continued_times(
+    t_ns: Int64, previous_ns: int | None, log: LogTable, file: str
+) -> tuple[Int64, list[Event]]:
+    """Return the times of a file, weeks later when it goes on where the file before it crossed the week's end.
+
+    Where the flight file states the date of a log without dates, days later.
+    """
+    if previous_ns is None:
         return t_ns, []
-    return t_ns + NS_PER_WEEK, [
-        Event(int(t_ns[0]) + NS_PER_WEEK, "week_crossover", f"{file}: goes on in the next week")
-    ]
+    has_days = log.time.date is not None
+    period_ns = NS_PER_DAY if has_days else NS_PER_WEEK
+    n = round((previous_ns - int(t_ns[0])) / period_ns)
+    if n < 1 or abs(int(t_ns[0]) + n * period_ns - previous_ns) > CROSSOVER_TOLERANCE_NS:
+        return t_ns, []
+    t_ns = t_ns + n * period_ns
+    kind, goes_on = ("midnight_crossover", "day") if has_days else ("week_crossover", "week")
+    return t_ns, [Event(int(t_ns[0]), kind, f"{file}: goes on in the next {goes_on}")]

@@ -19,7 +19,7 @@ from insgnss.errors import ColumnError, ConfigError, InputError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
 from insgnss.log.imu.faults import SensorTriad, fault_events
 from insgnss.log.imu.frozen import frozen_events
@@ -210,7 +210,7 @@ def _read_file(
     t_ns, rows, events = gps_times(table, config, week)
     columns = [table.columns[name] if rows is None else table.columns[name][rows] for name in (*gyro, *accel)]
     raw, refused = _in_order(_RawColumns(t_ns, columns[: len(gyro)], columns[len(gyro) :]), str(path))
-    raw.t_ns, continued = continued_week(raw.t_ns, previous_ns, str(path))
+    raw.t_ns, continued = continued_times(raw.t_ns, previous_ns, config, str(path))
     return raw, table.events + events + refused + continued
 
 

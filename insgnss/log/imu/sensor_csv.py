@@ -29,7 +29,7 @@ from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
-from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
 from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
@@ -63,7 +63,7 @@ def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
         table = read_csv_table(path, wanted_with_time(config, _wanted(config)))
         t_ns, rows, found = gps_times(table, config, week)
         table = table if rows is None else table.take(rows)
-        t_ns, later = continued_week(t_ns, int(parts[-1][0][-1]) if parts else None, str(path))
+        t_ns, later = continued_times(t_ns, int(parts[-1][0][-1]) if parts else None, config, str(path))
         values = np.column_stack([_column(table, name) for name in config.value_columns])
         sigma = [_column(table, name) for name in config.sigma_columns]
         converted = _CONVERSIONS[type(config)](config, values)
