@@ -8,13 +8,15 @@ import shutil
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 
-from insgnss.kernels import jit
+from insgnss.cli.ending import own_errors_told
+from insgnss.kernels import jit, numba_parts
 from insgnss.tables import Float64
 from tests.kernels import KernelCase, Recording, all_cases, all_kernels
 
@@ -317,11 +319,61 @@ def test_cache_of_another_user_is_told_and_replaced_by_a_folder_of_our_own(
 ) -> None:
     monkeypatch.setenv("INSGNSS_CACHE", str(tmp_path))
     monkeypatch.setattr(jit, "is_trusted", lambda status: False)
-    with pytest.warns(UserWarning, match="belongs to another user"):
-        private = jit.trusted_cache(tmp_path)
+    monkeypatch.setattr(numba_parts, "_warnings_to_give", told := [])
+    private = jit.trusted_cache(tmp_path)
 
+    assert len(told) == 1 and "belongs to another user" in told[0]
     assert private != tmp_path and private.stat().st_mode & 0o077 == 0
     assert os.environ["INSGNSS_CACHE"] == str(private)
+
+
+def test_cache_that_cannot_be_written_is_told_and_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("INSGNSS_CACHE", str(tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr(numba_parts, "_warnings_to_give", told := [])
+
+    assert jit.trusted_cache(tmp_path) != tmp_path
+    assert len(told) == 1 and told[0].startswith(
+        f"compiled code cannot be kept in {tmp_path}: the folder is not writable; each command compiles for a minute"
+    )
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
+def test_file_in_place_of_the_cache_is_told_when_the_first_kernel_is_called(tiny_package: Path) -> None:
+    cache = tiny_package / "cache"
+    cache.write_text("a file", encoding="utf-8")
+    program = (
+        "import warnings\n"
+        "with warnings.catch_warnings(record=True) as told:\n"
+        "    warnings.simplefilter('always')\n"
+        "    from insgnss.callee import term\n"
+        "    print(len(told), term(1.0), term(2.0))\n"
+        "print(*(warning.message for warning in told), sep='\\n')"
+    )
+    first, *warned = python("-c", program, folder=tiny_package, INSGNSS_CACHE=str(cache)).splitlines()
+
+    assert first == "0 2.0 4.0"
+    assert len(warned) == 1
+    assert warned[0].startswith(
+        f"compiled code cannot be kept in {cache}: it is a file; each command compiles"
+    )
+
+
+def test_command_shows_a_warning_of_ours_as_a_sentence_and_others_as_before(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda *place, **more: print("as before", place[1].__name__)
+        with own_errors_told():
+            warnings.warn("no folder", numba_parts.CacheWarning, stacklevel=1)
+            warnings.warn("old", DeprecationWarning, stacklevel=1)
+    told = capsys.readouterr()
+
+    assert told.err == "warning: no folder\n"
+    assert told.out == "as before DeprecationWarning\n"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="access by groups is POSIX's")

@@ -29,6 +29,10 @@ def test_each_kind_is_listed_with_what_its_models_are(kind: str) -> None:
     assert all(name in listed for name in library.names(kind))
 
 
+def test_filter_is_listed_without_a_number_of_states_that_its_settings_decide() -> None:
+    assert "states" not in library.about("filters", "tight")
+
+
 def test_without_a_kind_all_are_listed() -> None:
     told = json.loads(said("models", "--json").stdout)["models"]
 

@@ -67,6 +67,8 @@ def check(
         end = "nothing was written" if written is None else f"wrote {written}: look at it, then check it"
         if write is None and sure:
             end += "; --write corrected.toml writes a flight file with the proposals"
+        if write is not None and not report.proposals:
+            end += ": no finding has a correction"
         left = len(report.proposals) - len(sure)
         if left and (write or not sure):
             end += f"; {left} likely key(s) are left for you to enter: only sure ones are written"

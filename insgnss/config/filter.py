@@ -365,7 +365,9 @@ class FilterConfig(StrictModel):
     pseudorange_noise_m: NoiseConfig = Field(
         description='a file that changes a few settings alone begins with based_on = "tight"'
     )
-    range_rate_noise_mps: NoiseConfig
+    range_rate_noise_mps: NoiseConfig = Field(
+        description="it is needed too, unless based_on names a filter that has it"
+    )
     carrier_noise_m: NoiseConfig = NoiseConfig(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
     gates: Gates = Gates()
     faults: Faults = Faults()

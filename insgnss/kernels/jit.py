@@ -23,7 +23,6 @@ import sys
 import tempfile
 import time
 import typing
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import timedelta
@@ -33,7 +32,7 @@ from typing import Any, Final, TypeVar, cast, overload
 import numba
 import numpy as np
 
-from insgnss.kernels.numba_parts import Apart, compiled, is_trusted
+from insgnss.kernels.numba_parts import Apart, compiled, is_trusted, warn_at_first_call
 
 UNUSED_DAYS: Final = 30  # compiled code of other versions is removed after so long without use
 _DAY_S: Final = timedelta(days=1).total_seconds()
@@ -83,28 +82,44 @@ def cache_root() -> Path:
 
 
 def trusted_cache(root: Path) -> Path:
-    """Return ``root``, made if needed, or a folder of this process alone where ``root`` belongs to another user.
+    """Return ``root``, made if needed, or a folder of this process alone where ``root`` cannot be used.
 
-    Processes that this one starts use the same folder. A folder of this user that others may write is closed to them.
+    It cannot where it belongs to another user, is a file, or is not writable; a ``CacheWarning`` says so when the first
+    kernel is called. Processes that this one starts use the same folder. A folder of this user that others may write
+    is closed to them.
     """
-    with suppress(OSError):  # Numba compiles without a folder that cannot be made
+    try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = root.stat()
-        if not is_trusted(status):
-            warnings.warn(
-                f"compiled code in {root} is not used: the folder belongs to another user, and loading it would run"
-                " that user's code. Kernels are compiled again in each session; INSGNSS_CACHE names another folder",
-                stacklevel=2,
-            )
-            private = tempfile.mkdtemp(prefix="insgnss-")
-            atexit.register(shutil.rmtree, private, ignore_errors=True)
-            os.environ["INSGNSS_CACHE"] = private
-            return Path(private)
+    except FileExistsError:
+        return _private_cache(root, f"compiled code cannot be kept in {root}: it is a file")
+    except OSError as error:
+        return _private_cache(root, f"compiled code cannot be kept in {root}: {error.strerror}")
+    if not is_trusted(status):
+        return _private_cache(
+            root,
+            f"compiled code in {root} is not used, as the folder belongs to another user, whose code would run",
+        )
+    if not os.access(root, os.W_OK | os.X_OK):
+        return _private_cache(root, f"compiled code cannot be kept in {root}: the folder is not writable")
+    with suppress(OSError):
         ours = hasattr(os, "geteuid") and status.st_uid == os.geteuid()
         everybodys = status.st_mode & stat.S_ISVTX  # a folder as /tmp, which has to stay as it is
         if status.st_mode & _OTHERS_MAY_WRITE and ours and not everybodys:
             root.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_MAY_WRITE)
     return root
+
+
+def _private_cache(root: Path, why: str) -> Path:
+    """Return a folder that is removed when this process ends, ``root`` where none can be made; a warning says why."""
+    warn_at_first_call(f"{why}; each command compiles for a minute. INSGNSS_CACHE names another folder")
+    try:
+        private = tempfile.mkdtemp(prefix="insgnss-")
+    except OSError:  # Numba compiles without a folder, too
+        return root
+    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    os.environ["INSGNSS_CACHE"] = private
+    return Path(private)
 
 
 def tend_caches(folder: Path) -> None:

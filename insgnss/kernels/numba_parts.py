@@ -22,6 +22,7 @@ import pickle
 import sys
 import typing
 import uuid
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -77,6 +78,21 @@ def is_trusted(status: os.stat_result) -> bool:
     return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
 
 
+class CacheWarning(UserWarning):
+    """Compiled code is not kept: each session compiles again."""
+
+
+_warnings_to_give: Final[list[str]] = []
+
+
+def warn_at_first_call(text: str) -> None:
+    """Give a ``CacheWarning`` when a kernel is called first.
+
+    The package is imported before a command can say how it shows warnings, and many commands call no kernel.
+    """
+    _warnings_to_give.append(text)
+
+
 class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
     """A kernel's files in the cache, each with its hash at the end; damaged or foreign ones count as absent."""
 
@@ -88,6 +104,8 @@ class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
         self._write(self._index_path, (self._version, self._source_stamp, overloads))
 
     def _load_index(self) -> dict[Any, str]:
+        while _warnings_to_give:
+            warnings.warn(_warnings_to_give.pop(), CacheWarning, stacklevel=2)
         found = _unsealed(self._index_path)
         version, stamp, overloads = (None, None, {}) if found is None else pickle.loads(found)
         fresh = (version, stamp) == (self._version, self._source_stamp)

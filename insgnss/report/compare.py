@@ -25,6 +25,7 @@ from insgnss.runs.reference_errors import errors_against, trajectory_of
 from insgnss.runs.result import Run
 from insgnss.version import __version__
 
+_NAMED: Final = 5  # settings, of those that differ, in the line that stands for a comparison
 COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)
 
 
@@ -39,7 +40,8 @@ class Comparison(ResultDisplay):
     def _about(self) -> Iterator[str]:
         yield f"{', '.join(list(self.runs)[1:])} against {self.first}"
         differing = [row[0] for row in settings_that_differ(self.runs)]
-        yield f"settings that differ: {', '.join(differing) or 'none'}"
+        more = f" and {len(differing) - _NAMED} more" if len(differing) > _NAMED else ""
+        yield f"settings that differ: {', '.join(differing[:_NAMED]) or 'none'}{more}"
 
     @property
     def first(self) -> str:

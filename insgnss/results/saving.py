@@ -294,6 +294,11 @@ def first_changed(folder: Path, names: Iterable[str]) -> Path | None:
     return None
 
 
+def saved_as(kind: str, folder: Path) -> tuple[str, ...]:
+    """Return the names of the files that were saved in a folder as ``kind``, as its record states."""
+    return tuple(name for name, entry in _entries(folder).items() if entry.get("kind") == kind)
+
+
 def _commit(save: _Save, folder: Path, kind: str) -> None:
     """Declare a save whole, after one that is pending, and move its files to their places."""
     wrote = {

@@ -18,6 +18,7 @@ An oscillation that the rows do not resolve stays unseen.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from insgnss.errors import ResultError
 from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
 from insgnss.runs.datum import GPS_WEEK
 from insgnss.runs.wanted_times import WANTED, about, week_seconds
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Bool, Float64, Int64
 
 _GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by more than a second, is a gap
 _LONGEST_S: Final = 5.0  # of any step: a vehicle does what it likes in it
@@ -38,9 +39,20 @@ _VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
 _ATTITUDE: Final = ("roll_deg", "pitch_deg", "yaw_deg")
 _QUATERNION: Final = ("q_nb_w", "q_nb_x", "q_nb_y", "q_nb_z")
 _SD_PLACE: Final = ("n_m", "e_m", "d_m")
+_NAMED: Final = 3  # of the refused times
+_TOLERANCE_S: Final = 1e-6
 _ADVICE: Final = (
     "replay(..., output=times) carries the filter itself to each time; so do rows at a higher rate"
 )
+_NO_FILTER: Final = "the inertial samples have a gap there, or the filter restarted: no replay gives a row"
+
+
+class RefusedTimes(NamedTuple):
+    """The times that are refused for one reason."""
+
+    are: Bool  # (m,), which they are
+    why: str
+    advice: str
 
 
 class InterpolationLimits(NamedTuple):
@@ -51,31 +63,54 @@ class InterpolationLimits(NamedTuple):
     velocity_mps: float
 
 
-def rows_at(nav: pd.DataFrame, times_s: Any, limits: InterpolationLimits) -> pd.DataFrame:
+def rows_at(
+    nav: pd.DataFrame,
+    times_s: Any,
+    limits: InterpolationLimits,
+    *,
+    no_filter_s: Sequence[float] | Float64 = (),
+    refuse: bool = True,
+) -> pd.DataFrame:
     """Return navigation rows at times in any order, each between two rows of ``nav`` or at one.
 
-    Times are seconds of the GPS week or dates with a zone, see ``week_seconds``.
+    Parameters
+    ----------
+    nav : the rows, in their order
+    times_s : seconds of the GPS week or dates with a zone, see ``week_seconds``
+    limits : how much may be lost between rows
+    no_filter_s : times at which a gap of the inertial samples began or the filter restarted [s of the week]
+    refuse : whether a time without a row is an error; else its row holds NaN, and its counts are floating point
 
     Raises
     ------
-    ResultError : a value is not a time, a time is outside the rows or in a gap of them, or they are too far apart for
-        the motion there
+    ResultError : a value is not a time; with ``refuse`` a time is outside the rows or in a gap of them, or they are too
+        far apart for the motion there
     """
     times = week_seconds(times_s, nav.attrs.get(GPS_WEEK), _not_times)
     t = nav["time_s"].to_numpy()
-    _check_inside(t, times)
-    before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
+    if not len(t):
+        raise ResultError("the run has no navigation row", advice="replay the flight again")
+    within = np.clip(times, t[0], t[-1])
+    before = np.clip(np.searchsorted(t, within, side="right") - 1, 0, max(len(t) - 2, 0))
     after = np.minimum(before + 1, len(t) - 1)
     at_row = (times == t[before]) | (times == t[after])
-    _check_steps(t, times[~at_row], before[~at_row])
     span = np.where(after > before, t[after] - t[before], 1.0)
-    u = np.where(after > before, (times - t[before]) / span, 0.0)[:, None]
+    u = np.where(after > before, (within - t[before]) / span, 0.0)[:, None]
     numbers = nav.to_numpy(np.float64)
     found = pd.DataFrame((1.0 - u) * numbers[before] + u * numbers[after], columns=nav.columns)
     found["time_s"] = times
     lost = _filled_in(found, nav, before, after, u, span)
     lost[at_row] = 0.0
-    _check_lost(times, lost, span, limits)
+    steps = np.stack([t[before], t[after]], axis=1)
+    stopped = np.asarray(no_filter_s, np.float64)
+    reasons = (
+        _outside(t, times),
+        _in_gaps(t, times, np.where(at_row[:, None], 0.0, steps), stopped),
+        _beyond_limits(times, steps, lost, limits, stopped),
+    )
+    refused = np.any([one.are for one in reasons], axis=0)
+    if refuse and refused.any():
+        raise _refusal(times, refused, reasons)
     exact = np.where(times == t[before], before, after)[at_row]
     found.loc[at_row] = numbers[exact]
     for name, most in (("n_used", False), ("n_hypotheses", True)):
@@ -83,6 +118,9 @@ def rows_at(nav: pd.DataFrame, times_s: Any, limits: InterpolationLimits) -> pd.
         one = np.where(times == t[after], values[after], values[before])
         both = np.maximum(values[before], values[after])
         found[name] = np.where(at_row, one, both if most else one)
+    if refused.any():
+        found = found.astype(np.float64)
+        found.loc[refused, [name for name in found.columns if name != "time_s"]] = np.nan
     return found
 
 
@@ -152,43 +190,54 @@ def _not_times(what: str) -> ResultError:
     return ResultError(about("the times", what), advice=WANTED)
 
 
-def _check_inside(t: Float64, times: Float64) -> None:
-    if not len(t):
-        raise ResultError("the run has no navigation row", advice="replay the flight again")
-    wrong = times[~((times >= t[0]) & (times <= t[-1]))]
-    if len(wrong):
-        raise ResultError(
-            f"{len(wrong)} of {len(times)} times are outside the run, the first is {wrong[0]:.9g} s",
-            advice=f"its rows reach from {t[0]:.9g} to {t[-1]:.9g} s of the GPS week",
-        )
+def _outside(t: Float64, times: Float64) -> RefusedTimes:
+    wrong = ~((times >= t[0]) & (times <= t[-1]))
+    why = f"{times[wrong][0]:.9g} s is outside the run" if wrong.any() else ""
+    return RefusedTimes(wrong, why, f"its rows reach from {t[0]:.9g} to {t[-1]:.9g} s of the GPS week")
 
 
-def _check_steps(t: Float64, times: Float64, before: Int64) -> None:
-    """Raise an error where a time is in a gap of the rows."""
-    if not len(times):
-        return
-    steps = np.diff(t)
-    longest = min(max(_GAP * float(np.median(steps)), 1.0), _LONGEST_S)
-    wrong = np.flatnonzero(steps[before] > longest + 1e-6)
-    if len(wrong):
-        i = int(before[wrong[0]])
-        raise ResultError(
-            f"no row between {t[i]:.9g} and {t[i + 1]:.9g} s, where {times[wrong[0]]:.9g} s lies"
-            f" ({len(wrong)} times are in such gaps)",
-            advice=_ADVICE,
-        )
+def _in_gaps(t: Float64, times: Float64, steps: Float64, stopped: Float64) -> RefusedTimes:
+    """Return the times in a gap of the rows; ``steps`` (m, 2) are the times of the rows around each."""
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    longest = min(max(_GAP * usual, 1.0), _LONGEST_S)
+    wrong = np.diff(steps, axis=1)[:, 0] > longest + _TOLERANCE_S
+    if not wrong.any():
+        return RefusedTimes(wrong, "", "")
+    i = int(np.argmax(wrong))
+    why = f"no row between {steps[i, 0]:.9g} and {steps[i, 1]:.9g} s, where {times[i]:.9g} s lies"
+    return RefusedTimes(wrong, why, _advice(steps[i], stopped))
 
 
-def _check_lost(times: Float64, lost: Float64, span: Float64, limits: InterpolationLimits) -> None:
-    """Raise an error where too much may be lost."""
-    share = lost / np.array(limits)
-    wrong = np.flatnonzero(share.max(axis=1) > 1.0)
-    if len(wrong):
-        i = int(np.argmax(share.max(axis=1)))
-        angle, metres, speed = lost[i]
-        raise ResultError(
-            f"rows {span[i]:.3g} s apart are too far for the motion at {times[i]:.9g} s: between them the attitude may"
-            f" be {angle:.2g} deg off, the position {metres:.2g} m, the velocity {speed:.2g} m/s"
-            f" ({len(wrong)} of {len(times)} times)",
-            advice=_ADVICE,
-        )
+def _beyond_limits(
+    times: Float64, steps: Float64, lost: Float64, limits: InterpolationLimits, stopped: Float64
+) -> RefusedTimes:
+    """Return the times at which too much may be lost."""
+    share = (lost / np.array(limits)).max(axis=1)
+    wrong = share > 1.0
+    if not wrong.any():
+        return RefusedTimes(wrong, "", "")
+    i = int(np.argmax(share))
+    angle, metres, speed = lost[i]
+    why = (
+        f"rows {steps[i, 1] - steps[i, 0]:.3g} s apart are too far for the motion at {times[i]:.9g} s: between them the"
+        f" attitude may be {angle:.2g} deg off, the position {metres:.2g} m, the velocity {speed:.2g} m/s"
+    )
+    return RefusedTimes(wrong, why, _advice(steps[i], stopped))
+
+
+def _advice(step: Float64, stopped: Float64) -> str:
+    """Return what gives a row between two rows, if anything does."""
+    is_stopped = (stopped >= step[0] - _TOLERANCE_S) & (stopped <= step[1] + _TOLERANCE_S)
+    return _NO_FILTER if is_stopped.any() else _ADVICE
+
+
+def _refusal(times: Float64, refused: Bool, reasons: Sequence[RefusedTimes]) -> ResultError:
+    """Return the error of times of which some are refused."""
+    first = next(one for one in reasons if one.are.any())
+    named = ", ".join(f"{time_s:.9g}" for time_s in times[refused][:_NAMED])
+    count = int(refused.sum())
+    more = ", ..." if count > _NAMED else ""
+    return ResultError(
+        f"{first.why}; {count} of {len(times)} times are refused: {named}{more} s",
+        advice=f"{first.advice}; with refuse=False the rows of such times hold NaN",
+    )

@@ -40,7 +40,7 @@ from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import column_types, pieces, table_files, write_table
 from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.datum import annotate_all, with_heading, with_sea_level, with_utc
-from insgnss.runs.result_folder import COLUMN_TYPES, SETTINGS, read_run
+from insgnss.runs.result_folder import COLUMN_TYPES, RUN_KIND, SETTINGS, read_run
 
 _OPTIONAL = (
     "errors",
@@ -56,6 +56,7 @@ _OPTIONAL = (
     "integrity",
 )
 TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
+_NO_FILTER = ("imu_gap", "restart")  # events at which the filter has no rows for a while
 FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
 
 
@@ -129,7 +130,10 @@ class Run(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        with writing("the run", folder, "give another --output folder"), saving(folder, FILES, "run") as new:
+        with (
+            writing("the run", folder, "give another --output folder"),
+            saving(folder, FILES, RUN_KIND) as new,
+        ):
             for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
                 _save_table(new, name, table, format)
             if format == "csv":
@@ -169,6 +173,7 @@ class Run(ResultDisplay):
         most_deg: float = 0.2,
         most_m: float = 0.2,
         most_mps: float = 0.5,
+        refuse: bool = True,
     ) -> pd.DataFrame:
         """Return rows of ``nav`` at any times of the run, in their order: interpolated between its rows.
 
@@ -184,13 +189,18 @@ class Run(ResultDisplay):
             GPS time with the leap seconds in force: a DatetimeIndex as that of ``nav_with(utc=True)``, ``datetime``
             objects, text in ISO 8601 ("2025-09-24T09:36:22.25Z"). A date without a zone is an error
         most_deg, most_m, most_mps : how much may be lost of attitude, position and velocity, one sigma
+        refuse : whether a time outside the run, in a gap of its rows, or at which more than that may be lost is an
+            error; if not, its row holds NaN except ``time_s``
 
         Raises
         ------
-        ResultError : a value is not a time, a date has no zone, a time is outside the run or in a gap of its rows, or
-            more than that may be lost
+        ResultError : a value is not a time, or a date has no zone; with ``refuse`` one of the times is refused: the
+            error states how many are, the first of them, and why
         """
-        rows = rows_at(self.nav, times_s, InterpolationLimits(most_deg, most_m, most_mps))
+        limits = InterpolationLimits(most_deg, most_m, most_mps)
+        stopped = self.events["kind"].isin(_NO_FILTER)
+        no_filter_s = self.events.loc[stopped, "time_s"].to_numpy(np.float64)
+        rows = rows_at(self.nav, times_s, limits, no_filter_s=no_filter_s, refuse=refuse)
         rows.attrs = dict(self.nav.attrs)  # the GPS week and the units
         return rows
 

@@ -14,12 +14,13 @@ import pyarrow as pa
 from pandas.api.types import is_bool_dtype, is_numeric_dtype
 
 from insgnss.errors import ResultError
-from insgnss.results.saving import RECORD, first_changed, reading
+from insgnss.results.saving import RECORD, first_changed, reading, saved_as
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"
+RUN_KIND: Final = "run"  # of the files in the record of a folder
 COLUMN_TYPES: Final = "columns.json"  # next to tables in CSV, which do not store them
-_REPLAY_AGAIN: Final = "replay the flight again: insgnss replay FLIGHT --output FOLDER --force"
+_NO_RUN: Final = "this folder holds no run; name the folder of a run"
 _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
     *("from_state", "to_state", "reason", "event", "supervisor", "verdict", "fault", "axis"),
@@ -76,10 +77,41 @@ def read_run(
     try:
         with reading(folder):
             found = _tables(folder, tables, optional), _settings(folder / SETTINGS)
+            _require_whole_run(folder)
             _require_one_run(folder, tables)
             return found
     except OSError as error:
         raise ResultError(f"the folder cannot be read: {error.strerror}", file=folder) from error
+
+
+def _require_whole_run(folder: Path) -> None:
+    """Refuse a folder without all tables of the run that was saved there: one would be missing without a word.
+
+    Raises
+    ------
+    ResultError : files are missing
+    """
+    needed = set(saved_as(RUN_KIND, folder)) - {COLUMN_TYPES}  # without which tables in CSV are read, too
+    missing = [folder / name for name in sorted(needed) if not (folder / name).is_file()]
+    if missing:
+        others = f"; also missing: {', '.join(path.name for path in missing[1:])}" if missing[1:] else ""
+        raise ResultError(
+            f"this file of the run is missing{others}",
+            file=missing[0],
+            advice=f"copy the run's whole folder again; or {_replay_again(folder)}; if it was removed on purpose,"
+            f" remove its entry in '{RECORD}'",
+        )
+
+
+def _replay_again(folder: Path) -> str:
+    """Return the advice to replay, over the old files only where all that would be replaced was a run of ours."""
+    place = "FOLDER --force" if saved_as(RUN_KIND, folder) else "NEW_FOLDER"
+    return f"replay the flight again: insgnss replay FLIGHT --output {place}"
+
+
+def _run_advice(folder: Path) -> str:
+    """Return what to do about a folder that lacks what every run has."""
+    return _replay_again(folder) if saved_as(RUN_KIND, folder) else _NO_RUN
 
 
 def _require_one_run(folder: Path, tables: Sequence[str]) -> None:
@@ -96,7 +128,7 @@ def _require_one_run(folder: Path, tables: Sequence[str]) -> None:
         raise ResultError(
             "the file is not the one that was saved with this run: it is of another run, or was changed since",
             file=other,
-            advice=f"copy the run's whole folder again, with its '{RECORD}'; or {_REPLAY_AGAIN}",
+            advice=f"copy the run's whole folder again, with its '{RECORD}'; or {_replay_again(folder)}",
         )
 
 
@@ -122,7 +154,7 @@ def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dic
         elif name in optional:
             found[name] = None
         else:
-            raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_REPLAY_AGAIN)
+            raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_run_advice(folder))
     return found
 
 
@@ -157,13 +189,13 @@ def _from_csv(path: Path) -> pd.DataFrame:
         raise ResultError(
             f"the table does not match {COLUMN_TYPES} in its folder: {error}",
             file=path,
-            advice=_REPLAY_AGAIN,
+            advice=_replay_again(path.parent),
         ) from error
 
 
 def _damaged(path: Path, error: Exception) -> NoReturn:
     told = (str(error) or type(error).__name__).splitlines()[0]
-    raise ResultError(f"the file is damaged: {told}", file=path, advice=_REPLAY_AGAIN) from error
+    raise ResultError(f"the file is damaged: {told}", file=path, advice=_replay_again(path.parent)) from error
 
 
 def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
@@ -177,14 +209,23 @@ def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
     is_ours = path.suffix != ".csv" or (path.parent / COLUMN_TYPES).is_file()
     for name in _COLUMNS[path.stem] if is_ours and len(table.columns) else ():
         if name not in table:
-            raise ResultError("the table has no such column", file=path, column=name, advice=_REPLAY_AGAIN)
+            raise ResultError(
+                "the table has no such column", file=path, column=name, advice=_replay_again(path.parent)
+            )
     if not table.columns.is_unique:
-        raise ResultError("the table has two columns of one name", file=path, advice=_REPLAY_AGAIN)
+        raise ResultError(
+            "the table has two columns of one name", file=path, advice=_replay_again(path.parent)
+        )
+    attrs, table.attrs = (
+        table.attrs,
+        {},
+    )  # of which pandas makes a deep copy for each column that is looked at
     for name in map(str, table.columns):
         if name in _WORDS:
             table = _with_words(table, name, path)
         elif name in _COLUMNS[path.stem] or name.startswith(("d_", "sd_")):
             _check_numbers(table, name, path)
+    table.attrs = attrs
     return table
 
 
@@ -194,9 +235,13 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
         return table  # a word that no row has
     content = words.cat.categories if isinstance(words.dtype, pd.CategoricalDtype) else words
     if len(content) and not pd.api.types.is_string_dtype(content):
-        raise ResultError("the column does not hold words", file=path, column=name, advice=_REPLAY_AGAIN)
+        raise ResultError(
+            "the column does not hold words", file=path, column=name, advice=_replay_again(path.parent)
+        )
     if name in _COLUMNS[path.stem] and words.isna().any():
-        raise ResultError("an empty cell in the column", file=path, column=name, advice=_REPLAY_AGAIN)
+        raise ResultError(
+            "an empty cell in the column", file=path, column=name, advice=_replay_again(path.parent)
+        )
     if name in _GROUPED and path.stem != "events" and not isinstance(words.dtype, pd.CategoricalDtype):
         return table.astype({name: "category"})
     return table
@@ -204,14 +249,16 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
 
 def _check_numbers(table: pd.DataFrame, name: str, path: Path) -> None:
     if not is_numeric_dtype(table[name]) or is_bool_dtype(table[name]):
-        raise ResultError("the column does not hold numbers", file=path, column=name, advice=_REPLAY_AGAIN)
+        raise ResultError(
+            "the column does not hold numbers", file=path, column=name, advice=_replay_again(path.parent)
+        )
     values = table[name].to_numpy(np.float64)
     bad = ~(np.abs(values) <= _LARGEST.get(name, _LARGEST_OF_OTHERS))  # not a number, too
     if name not in _LARGEST or path.stem not in ("nav", "measurements"):
         bad &= ~np.isnan(values)  # an empty cell; an event of a whole file has no time
     if bad.any():
         told = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
-        raise ResultError(told, file=path, column=name, advice=_REPLAY_AGAIN)
+        raise ResultError(told, file=path, column=name, advice=_replay_again(path.parent))
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -222,13 +269,13 @@ def _settings(path: Path) -> dict[str, Any]:
     ResultError : the file is missing, is not JSON, or an entry is of another kind
     """
     if not path.is_file():
-        raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_REPLAY_AGAIN)
+        raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_run_advice(path.parent))
     try:
         settings = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         _damaged(path, error)
     if not isinstance(settings, dict):
-        raise ResultError("the file holds no table of settings", file=path, advice=_REPLAY_AGAIN)
+        raise ResultError("the file holds no table of settings", file=path, advice=_replay_again(path.parent))
     for keys in _TABLES_OF_SETTINGS:
         _check_entry(settings, keys, path, lambda value: isinstance(value, dict))
     for table in (("took",), ("filter", "gates")):
@@ -260,5 +307,5 @@ def _check_entry(settings: Mapping[str, Any], keys: Sequence[str], path: Path, i
     if value is not None and not is_right(value):
         key = ".".join(keys)
         raise ResultError(
-            f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_REPLAY_AGAIN
+            f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_replay_again(path.parent)
         )

@@ -115,8 +115,15 @@ def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputR
 
     Raises
     ------
-    ConfigError : a value is not a time, a date has no zone, the list is empty, or the times do not increase
+    ConfigError : it is True or False, a value is not a time, a date has no zone, the list is empty, or the times do not
+        increase
     """
+    if isinstance(output, bool | np.bool_):  # which would count as a rate of 1 or 0 Hz
+        raise ConfigError(
+            f"{output} is neither an output rate nor a time",
+            key="output",
+            advice="give 'gnss', 'imu', a rate [Hz] or times",
+        )
     try:
         if np.ndim(output) == 0:
             if not has_epochs and str(output) == "gnss":

@@ -14,9 +14,10 @@ import numpy as np
 
 from insgnss.errors import InsGnssError
 from tests.fuzz.mutations import damaged
-from tests.fuzz.targets import Target
+from tests.fuzz.targets import Target, replace_file
 
 LONGEST_S = 10.0  # of the processor, of a case: a busy machine is no failure
+GOLDEN_RATIO = 0.5 * (np.sqrt(5.0) - 1.0)  # whose multiples, modulo one, are the most even
 LARGEST_BYTES = 1_500_000_000  # of the process
 
 
@@ -39,11 +40,17 @@ def _stop(signal_number: int, frame: FrameType | None) -> None:
     raise TooSlow(f"still at work after {LONGEST_S:g} s")
 
 
+def target_of(targets: Sequence[Target], number: int) -> Target:
+    """Return the target of a case: in any row of numbers each has its share, by its weight, to a few cases."""
+    upto = np.cumsum([target.weight for target in targets])
+    place = number * GOLDEN_RATIO % 1.0
+    return targets[int(np.searchsorted(upto, place * upto[-1], side="right"))]
+
+
 def case(targets: Sequence[Target], seed: int, number: int) -> tuple[Target, bytes]:
     """Return what a case reads."""
     rng = np.random.default_rng([seed, number])
-    weights = np.array([target.weight for target in targets])
-    target = targets[int(rng.choice(len(targets), p=weights / weights.sum()))]
+    target = target_of(targets, number)
     return target, damaged(rng, target.seeds[int(rng.integers(len(target.seeds)))])
 
 
@@ -53,8 +60,8 @@ def failures(targets: Sequence[Target], seed: int, numbers: Iterable[int], folde
     for number in numbers:
         target, data = case(targets, seed, number)
         path = folder / f"case{target.ending}"
-        path.write_bytes(data)  # it stays there when the process itself dies
-        (folder / "number").write_text(f"{seed} {number} {target.name}")
+        replace_file(path, data)  # it stays there when the process itself dies
+        replace_file(folder / "number", f"{seed} {number} {target.name}".encode())
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
         try:

@@ -40,7 +40,7 @@ from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml
 from insgnss.results.saving import RECORD, saving, write_file
-from insgnss.runs.result import Run
+from insgnss.runs.result import TABLES, Run
 from insgnss.studies.campaign.study import load_campaign, tasks_of
 from insgnss.tables import GnssTable
 from tests.antenna import test_obstruction, test_pattern_file
@@ -65,6 +65,7 @@ from tests.small_run import small_run
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "models"
 MINIMISED = ROOT / "tests/fuzz/minimised"
+_USED = ("nav", "measurements", "satellites", "events", "errors")  # by what is done with a run
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,12 @@ class Target:
     read: Callable[[Path], None]  # of the damaged file
     weight: float = 1.0  # share of the cases
     ending: str = ""
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a new file: to cut off and write an old one, some file systems wait for the disk (4 ms)."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(data)
 
 
 def _check(table: GnssTable) -> None:
@@ -114,17 +121,16 @@ def _use(run: Run) -> None:
 
 def _run(folder: Path, form: str, name: str) -> Target:
     """Return the saved run of which one file is damaged."""
-    folder = small_run(seconds=5.0).save(folder / form, form)  # type: ignore[arg-type]
-    sound, record = (folder / name).read_bytes(), (folder / RECORD).read_bytes()
+    run = small_run(seconds=5.0)
+    for table in set(TABLES) - {*_USED, name.partition(".")[0]}:
+        setattr(run, table, None)  # sound tables that nothing uses take most of the time of a case
+    folder = run.save(folder / name, form)  # type: ignore[arg-type]
+    sound = (folder / name).read_bytes()
+    (folder / RECORD).unlink()  # it has the hashes: a damaged run is to be used, too
 
     def read(path: Path) -> None:
-        (folder / name).write_bytes(path.read_bytes())
-        (folder / RECORD).unlink(missing_ok=True)  # it has the hashes: a damaged run is to be used, too
-        try:
-            _use(Run.load(folder))
-        finally:
-            (folder / name).write_bytes(sound)
-            (folder / RECORD).write_bytes(record)
+        replace_file(folder / name, path.read_bytes())
+        _use(Run.load(folder))
 
     return Target(f"run {name}", [sound], read, 0.2)
 
@@ -137,11 +143,11 @@ def _saved_over(folder: Path) -> Target:
     sound = (place / RECORD).read_bytes()
 
     def read(path: Path) -> None:
-        (place / RECORD).write_bytes(path.read_bytes())
+        replace_file(place / RECORD, path.read_bytes())
         try:
             write_file(place / "a", b"a", "run")
         finally:
-            (place / RECORD).write_bytes(sound)
+            replace_file(place / RECORD, sound)
 
     return Target("record", [sound], read, 0.2)
 

@@ -11,7 +11,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
-from insgnss.report.compare import compare_runs, write_comparison
+from insgnss.report.compare import compare, compare_runs, write_comparison
 from insgnss.report.settings_compared import settings_that_differ
 from insgnss.runs.result import Run
 from tests.report.runs import START_S, WEEK, made_run
@@ -125,3 +125,32 @@ def test_runs_of_the_same_settings_are_said_to_be(tmp_path: Path) -> None:
     page = write_comparison(comparison, tmp_path / "page.html").read_text(encoding="utf-8")
 
     assert "Every setting is the same in all runs." in page
+
+
+def read_from(folder: str, content: str = "abc") -> Run:
+    """Return a run whose logs were in a folder, the inertial log with a content."""
+    run = made_run()
+    imu, gnss = f"{folder}imu.csv", f"{folder}gnss.csv"
+    flight_ = {
+        **run.settings["flight"],
+        "imu": {"files": [imu]},
+        "gnss": {"files": [gnss]},
+        "reference": gnss,
+    }
+    run.settings = {**run.settings, "flight": flight_, "input_sha256": {imu: content, gnss: "def"}}
+    return run
+
+
+def test_inputs_are_compared_by_content_and_file_name() -> None:
+    first, moved_, other = read_from("/a/"), read_from("C:\\b\\"), read_from("/a/", "ghi")
+
+    assert settings_that_differ({"first": first, "moved": moved_}) == []
+    assert settings_that_differ({"first": first, "other": other}) == [("input_sha256.imu.csv", "abc", "ghi")]
+
+
+def test_line_of_a_comparison_names_five_settings_at_most() -> None:
+    first, second = made_run(), made_run()
+    second.settings = {**second.settings, **{f"more_{i}": i for i in range(7)}}
+
+    assert repr(compare(first=first, second=second)).count("more_") == 5
+    assert "more_4 and 2 more" in repr(compare(first=first, second=second))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -96,7 +97,7 @@ def test_row_at_the_time_of_a_row_is_that_row() -> None:
 
 @pytest.mark.parametrize("time_s", [START_S - 1.0, START_S + 1e4])
 def test_time_outside_the_run_is_an_error(time_s: float) -> None:
-    with pytest.raises(ResultError, match="1 of 2 times are outside the run"):
+    with pytest.raises(ResultError, match="is outside the run; 1 of 2 times are refused"):
         steps().at([START_S + 80.0, time_s])
 
 
@@ -190,3 +191,48 @@ def test_dates_need_the_week_of_the_run() -> None:
 
     with pytest.raises(ResultError, match="GPS week"):
         rows_at(nav, ["2025-09-24T09:36:22Z"], ANY)
+
+
+def with_gap(*kinds: str) -> Run:
+    """Return a run without rows for three seconds, and with such events at the gap's start."""
+    run = steps()
+    t = run.nav["time_s"]
+    begin = t[t < START_S + 80.0].max()
+    nav = run.nav[(t <= begin) | (t > START_S + 83.0)].reset_index(drop=True)
+    events = pd.DataFrame({"time_s": begin, "kind": list(kinds), "detail": "x"})
+    return replace(run, nav=nav, events=events)
+
+
+@pytest.mark.parametrize(("kinds", "helps"), [((), True), (("imu_gap",), False), (("restart",), False)])
+def test_other_rows_are_advised_only_where_a_replay_gives_them(kinds: tuple[str, ...], helps: bool) -> None:
+    with pytest.raises(ResultError, match="no row between") as refused:
+        with_gap(*kinds).at([START_S + 81.0])
+
+    assert ("replay(..., output=times)" in refused.value.advice) is helps
+    assert ("the inertial samples have a gap there" in refused.value.advice) is not helps
+
+
+def test_refused_times_are_counted_and_the_first_are_named() -> None:
+    times = START_S + np.array([81.0, 79.0, 81.5, 82.0, 82.5, 1e4])
+
+    with pytest.raises(ResultError) as refused:
+        with_gap().at(times)
+
+    named = ", ".join(f"{time_s:.9g}" for time_s in times[[0, 2, 3]])
+    assert f"5 of 6 times are refused: {named}, ... s" in refused.value.message
+
+
+def test_refused_rows_hold_nothing_where_that_is_wanted() -> None:
+    run = with_gap("imu_gap")
+    times = START_S + np.array([81.0, 79.005, 1e4, -1e4])
+
+    found = run.at(times, refuse=False)
+
+    assert found["time_s"].tolist() == times.tolist()
+    assert found.drop(columns="time_s").iloc[[0, 2, 3]].isna().all(axis=None)
+    pd.testing.assert_frame_equal(
+        found.iloc[[1]].reset_index(drop=True), run.at(times[1:2]), check_dtype=False, check_exact=True
+    )
+    assert found.attrs == run.nav.attrs
+    sound = run.at(times[1:2], refuse=False)
+    pd.testing.assert_frame_equal(sound, run.at(times[1:2]), check_exact=True)

@@ -199,6 +199,7 @@ def test_rows_at_times_are_those_of_the_filter_at_these_times() -> None:
         ([START_S, [START_S + 1.0]], "not one list"),
         ([START_S + 5.0, 1e300], "not seconds"),
         ([START_S - 50.0, START_S - 40.0], "no output time"),
+        (True, "True is neither an output rate nor a time"),
     ],
 )
 def test_times_that_cannot_be_used_are_an_error(times: Any, told: str) -> None:

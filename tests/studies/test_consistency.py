@@ -18,6 +18,7 @@ from insgnss.cli.main import app
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
+from insgnss.runs.agreement import HeadingAgreement
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.simulation.observations import NoiseTerms
@@ -30,6 +31,7 @@ from insgnss.studies.consistency.innovation_statistics import (
     whiteness_of,
 )
 from insgnss.studies.consistency.study import Consistency, consistency_study
+from insgnss.studies.consistency.words import verdict
 from tests.runs.scenes import START_S, flight, turns
 
 BUILT_IN = 1.4
@@ -294,3 +296,26 @@ def test_command_prints_the_verdict_and_writes_tables_and_picture(tmp_path: Path
     assert told["noise_factors"]["pseudorange"] == pytest.approx(BUILT_IN, rel=0.06)
     assert (tmp_path / "out" / "consistency.png").stat().st_size > 10_000
     assert len(pd.read_csv(tmp_path / "out" / "consistency_kinds.csv")) == 2
+
+
+@pytest.mark.parametrize(
+    ("nis", "low", "high", "factor", "words"),
+    [
+        (0.981, 0.903, 1.102, 1.1, "agree with their sigma: range rate noise is as assumed"),
+        (1.15, 0.8, 1.2, 1.1, "are 1.1 times their sigma, within chance: range rate noise is as assumed"),
+        (1.15, 0.9, 1.1, 1.1, "are 1.1 times their sigma: range rate noise is 1.1 times the assumed"),
+        (1.06, 0.98, 1.02, 1.07, "to 3 %, not by chance: range rate noise is 1.1 times the assumed"),
+        (1.06, 0.98, 1.02, 1.02, "to 3 %, not by chance: range rate noise is as assumed to 2 %"),
+        (1.15, 0.9, 1.1, np.nan, "are 1.1 times their sigma: range rate noise is above the assumed"),
+    ],
+)
+def test_innovations_and_noise_are_judged_once(
+    nis: float, low: float, high: float, factor: float, words: str
+) -> None:
+    row = {"mean_nis": nis, "low": low, "high": high, "factor": factor, "refused": 0, "used": 100}
+    none = pd.DataFrame({"kind": "", "state": "", "reduction": 0.0, "known_s": 0.0}, index=[])
+    kinds = pd.DataFrame([{"kind": "range_rate", **row}])
+    heading = HeadingAgreement(None, False, 90.0, 90.0, 90.0, 5.0)
+    told = verdict(kinds, none, none, none, none, 0.01, heading, adapts=False)[0]
+
+    assert f"{words} (mean NIS {nis:.3f}, bounds" in told

@@ -54,20 +54,25 @@ def verdict(
 def _of_noise(row: Mapping[Any, Any]) -> str:
     """Return what a kind's NIS says of its innovations and its noise."""
     nis = _number(row, "mean_nis")
-    innovations = f"{str(row['kind']).replace('_', ' ')} innovations {times_their_sigma(float(np.sqrt(nis)))}"
-    words = f"{innovations}: {NOISE_WORDS[str(row['kind'])]}"
-    factor = _number(row, "factor")
+    ratio, factor = float(np.sqrt(nis)), _number(row, "factor")
     low, high = _number(row, "low"), _number(row, "high")
     bounds = f"mean NIS {nis:.3f}, bounds {low:.3f} to {high:.3f}"
     refused = _number(row, "refused") / (_number(row, "refused") + _number(row, "used"))
     also = f"; {100.0 * refused:.1f} % were refused for their innovation" if refused > _SHORT_OF_NONE else ""
-    if low <= nis <= high and not (np.isfinite(factor) and abs(factor - 1.0) >= AGREES_WITHIN):
-        return f"{words} is as assumed ({bounds}){also}"
-    if not np.isfinite(factor):
-        return f"{words} is {'below' if nis < 1.0 else 'above'} the assumed ({bounds}){also}"
-    if abs(factor - 1.0) < AGREES_WITHIN:
-        return f"{words} is as assumed to {100.0 * abs(factor - 1.0):.0f} % ({bounds}){also}"
-    return f"{words} is {factor:.2g} times the assumed ({bounds}){also}"
+    innovations, agree = times_their_sigma(ratio), abs(ratio - 1.0) < AGREES_WITHIN
+    if low <= nis <= high:  # what the factor departs from 1 by is then chance, too
+        innovations += "" if agree else ", within chance"
+        noise = "as assumed"
+    else:
+        innovations += f" to {100.0 * abs(ratio - 1.0):.1g} %, not by chance" if agree else ""
+        noise = f"{factor:.2g} times the assumed"
+        if not np.isfinite(factor):
+            noise = f"{'below' if nis < 1.0 else 'above'} the assumed"
+        elif abs(factor - 1.0) < AGREES_WITHIN:
+            noise = f"as assumed to {100.0 * abs(factor - 1.0):.0f} %"
+    kind = str(row["kind"])
+    words = f"{kind.replace('_', ' ')} innovations {innovations}: {NOISE_WORDS[kind]} is {noise}"
+    return f"{words} ({bounds}){also}"
 
 
 def _number(row: Mapping[Any, Any], name: str) -> float:

@@ -134,6 +134,10 @@ def test_check_writes_a_corrected_file_only_when_asked_to(short: Log, tmp_path: 
     assert again.exit_code == 0, again.output
     assert "proposed" not in again.output
 
+    nothing = CliRunner().invoke(app, ["check", str(corrected), "--write", str(tmp_path / "twice.toml")])
+    assert "nothing was written: no finding has a correction" in nothing.output
+    assert not (tmp_path / "twice.toml").exists()
+
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", ["xian", "walk", "walk_ubx", "instinct", "instinct_m2"])
