@@ -33,6 +33,20 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def with_caption(figure: Figure, text: str) -> Figure:
+    """Write a small line below a figure, as what flight and what time it shows; return the figure."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    engine = figure.get_layout_engine()
+    if text and isinstance(engine, ConstrainedLayoutEngine):
+        share = 0.2 / figure.get_figheight()
+        engine.set(rect=(0.0, share, 1.0, 1.0 - share))
+        figure.text(
+            0.995, 0.04 / figure.get_figheight(), text, ha="right", va="bottom", fontsize=7, color="#666666"
+        )
+    return figure
+
+
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a picture in the form that the file's ending names; return its path.
 

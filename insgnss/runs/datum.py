@@ -20,6 +20,7 @@ from insgnss.gpstime import ns_to_utc, week_seconds_to_ns
 from insgnss.runs.columns.sheet import unit_of
 
 GPS_WEEK: Final = "gps_week"
+FLIGHT: Final = "flight"  # its name
 
 
 def annotate(table: pd.DataFrame, week: int) -> None:
@@ -33,12 +34,28 @@ def annotate(table: pd.DataFrame, week: int) -> None:
 
 
 def annotate_all(tables: Iterable[pd.DataFrame | None], settings: Mapping[str, Any]) -> None:
-    """Write week, scale and units into the ``attrs`` of a result's tables, where its settings say the GPS week."""
+    """Write week, scale, units and flight into the ``attrs`` of a result's tables, where its settings say the week."""
     flight = settings.get("flight")
-    week = flight.get(GPS_WEEK) if isinstance(flight, Mapping) else None
+    if not isinstance(flight, Mapping) or not isinstance(flight.get(GPS_WEEK), int):
+        return
     for table in tables:
-        if table is not None and isinstance(week, int):
-            annotate(table, week)
+        if table is not None:
+            annotate(table, flight[GPS_WEEK])
+            table.attrs[FLIGHT] = str(flight.get("name") or "")
+
+
+def what_and_when(table: pd.DataFrame) -> str:
+    """Return the caption of a picture: the flight's name and the span of the table in UTC, empty where unknown."""
+    week, name = table.attrs.get(GPS_WEEK), table.attrs.get(FLIGHT, "")
+    time_s = table["time_s"].to_numpy(np.float64)
+    time_s = time_s[np.isfinite(time_s)]
+    if not isinstance(week, int) or not len(time_s):
+        return str(name)
+    ends = ns_to_utc(week_seconds_to_ns(week, np.array([time_s.min(), time_s.max()])))
+    first, last = (text.replace("T", " ") for text in np.datetime_as_string(ends, unit="s").tolist())
+    if first[:10] == last[:10]:
+        last = last[11:]
+    return f"{name}{', ' if name else ''}{first} to {last} UTC"
 
 
 def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from pyarrow.parquet import read_schema
 
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_utc, utc_to_ns
-from insgnss.runs.datum import with_heading, with_sea_level, with_utc
+from insgnss.runs.datum import what_and_when, with_heading, with_sea_level, with_utc
 from insgnss.runs.result import Run
 from tests.report.runs import START_S, WEEK, made_run
 
@@ -50,6 +50,15 @@ def test_navigation_comes_with_utc_sea_level_and_heading_on_request() -> None:
     assert np.allclose(np.sin(np.radians(nav["heading_deg"] - nav["yaw_deg"])), 0.0, atol=1e-12)
     assert run.nav_with() is run.nav
     assert list(run.nav.columns) == list(made_run().nav.columns)
+
+
+def test_caption_names_flight_and_span_in_utc() -> None:
+    nav = made_run().nav
+    caption = what_and_when(nav)
+
+    assert caption.startswith(f"{nav.attrs['flight']}, 2025-09-24 09:34:42 to ")
+    assert caption.endswith(" UTC") and caption.count("2025") == 1
+    assert what_and_when(pd.DataFrame({"time_s": [1.0, 2.0]})) == ""
 
 
 def test_heading_just_west_of_north_is_below_360() -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure, with_caption
+from insgnss.runs.datum import what_and_when
 from insgnss.runs.margin.study import FlownMargin
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def flown_figure(study: FlownMargin) -> Figure:
     _draw_numbers(middle, study)
     _draw_timeline(lower, study, names)
     upper.set_title(study.settings.name or "Interference along the path")
-    return figure
+    return with_caption(figure, what_and_when(study.satellites))
 
 
 def _draw_ratios(axes: Axes, study: FlownMargin) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
-from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure, with_caption
+from insgnss.runs.datum import what_and_when
 from insgnss.runs.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def sky_figure(study: VisibilityStudy) -> Figure:
     axes.set_title("Satellites in body axes (azimuth from forward to the right)")
     if axes.get_legend_handles_labels()[1]:
         axes.legend(loc="lower left", bbox_to_anchor=(-0.15, -0.1), fontsize=8, markerscale=4)
-    return figure
+    return with_caption(figure, what_and_when(study.satellites))
 
 
 def timeline_figure(study: VisibilityStudy) -> Figure:
@@ -98,7 +99,7 @@ def timeline_figure(study: VisibilityStudy) -> Figure:
     axes.set_ylim(len(names), -1)
     axes.set_xlabel("time, s of the GPS week")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.0 + 1.0 / (len(names) + 4)), ncols=5, fontsize=8)
-    return figure
+    return with_caption(figure, what_and_when(study.satellites))
 
 
 def dop_figure(study: VisibilityStudy) -> Figure:
@@ -123,4 +124,4 @@ def dop_figure(study: VisibilityStudy) -> Figure:
     lower.set_ylim(bottom=0)
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    return figure
+    return with_caption(figure, what_and_when(study.satellites))

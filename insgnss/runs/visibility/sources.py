@@ -14,6 +14,7 @@ from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
+from insgnss.runs.datum import FLIGHT
 from insgnss.runs.result import Run
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections, sky_of_navigation, sky_of_table
@@ -51,7 +52,7 @@ def visibility_of(
     InsGnssError : something of it is missing or wrong
     """
     read = read_sources(source, flight, pattern, step_s)
-    return visibility(
+    study = visibility(
         read.attitude,
         read.sky,
         read.antennas,
@@ -60,6 +61,8 @@ def visibility_of(
         week=flight.config.gps_week,
         events=read.events,
     )
+    study.satellites.attrs[FLIGHT] = flight.name
+    return study
 
 
 def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: float) -> Sources:

@@ -27,6 +27,7 @@ from insgnss.gnss.dilution import DOPS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import save_study, words
+from insgnss.runs.datum import annotate
 from insgnss.runs.result_tables import event_table, status_words
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
 from insgnss.runs.visibility.sky import SatelliteDirections
@@ -140,7 +141,9 @@ def _satellite_table(
         "reason": status_words(reason[known], {**NAMES, USED: "none"}),
         "antenna": antenna[known].astype(np.int64),
     }
-    return pd.DataFrame(columns)
+    table = pd.DataFrame(columns)
+    annotate(table, names.week)
+    return table
 
 
 def dop_table(

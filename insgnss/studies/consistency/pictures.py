@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from insgnss.results.matplotlib_figure import with_caption
+from insgnss.runs.datum import what_and_when
 from insgnss.studies.figures import COLOURS, new_figure
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ def consistency_figure(
     _sigma_reduction(coming_down, sigmas)
     for axes in (over_time, by_satellite, lagged, coming_down):
         axes.grid(alpha=0.3)
-    return figure
+    return with_caption(figure, what_and_when(innovations))
 
 
 def _nis_over_time(axes: Axes, innovations: pd.DataFrame, kinds: pd.DataFrame) -> None:
