@@ -90,6 +90,8 @@ def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
 def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
     """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, the geoid's (EGM96).
 
+    A table with a further point of the body (``point_h_m``) gets its height ``point_h_msl_m``, too.
+
     Raises
     ------
     ResultError : the table has no ``lat_deg``, ``lon_deg``, ``h_m``
@@ -97,7 +99,10 @@ def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
     _check_columns(table, "lat_deg", "lon_deg", "h_m")
     geoid_m = geoid_height(table["lat_deg"], table["lon_deg"])
     added = table.assign(h_msl_m=table["h_m"] - geoid_m, geoid_m=geoid_m)
-    return _with_units(added, "h_msl_m", "geoid_m")
+    if "point_h_m" not in table:
+        return _with_units(added, "h_msl_m", "geoid_m")
+    added["point_h_msl_m"] = table["point_h_m"] - geoid_m  # the geoid falls by less than 0.2 mm in each metre
+    return _with_units(added, "h_msl_m", "geoid_m", "point_h_msl_m")
 
 
 def with_heading(table: pd.DataFrame) -> pd.DataFrame:

@@ -52,6 +52,14 @@ def test_navigation_comes_with_utc_sea_level_and_heading_on_request() -> None:
     assert list(run.nav.columns) == list(made_run().nav.columns)
 
 
+def test_further_point_has_a_height_above_sea_level_too() -> None:
+    nav = made_run().nav
+    nav = with_sea_level(nav.assign(point_h_m=nav["h_m"] + 2.5))
+
+    np.testing.assert_allclose(nav["point_h_msl_m"] - nav["h_msl_m"], 2.5, rtol=0, atol=1e-9)
+    assert nav.attrs["units"]["point_h_msl_m"] == "m"
+
+
 def test_caption_names_flight_and_span_in_utc() -> None:
     nav = made_run().nav
     caption = what_and_when(nav)

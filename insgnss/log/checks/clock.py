@@ -1,4 +1,4 @@
-"""How the receiver's clock behaves: left alone, held near GPS time by jumps, or steered; do both its drifts agree."""
+"""How the receiver's clock behaves: left alone, moved by jumps, or steered; do both its drifts agree."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def clock_findings(track: GnssTrack) -> list[Finding]:
     jumps = len(jumped)
     smooth = float(np.median(mean))
     span = f"{track.clock_m.min() / C_MPS * 1e3:+.4g} to {track.clock_m.max() / C_MPS * 1e3:+.4g} ms"
-    kind = _kind(track.clock_m, jumps, smooth, float(track.t_s[-1] - track.t_s[0]))
+    by_jumps = np.zeros(len(track.clock_m))
+    by_jumps[jumped + 1] = beyond_m[jumped]
+    kind = _kind(track.clock_m, np.cumsum(by_jumps), smooth, float(track.t_s[-1] - track.t_s[0]))
     text = f"receiver clock {kind}: offset {span}, drift {smooth:+.4g} m/s ({smooth / PPM_MPS:+.3g} ppm)"
     if jumps:
         size = float(np.median(np.abs(beyond_m[jumped]))) / C_MPS * 1e3
@@ -45,9 +47,11 @@ def clock_findings(track: GnssTrack) -> list[Finding]:
     return findings + (_agreement(change[smooth_at], step_s[smooth_at], mean[smooth_at]) if by_rates else [])
 
 
-def _kind(clock_m: Float64, jumps: int, drift_mps: float, span_s: float) -> str:
-    if jumps:
-        return "held near GPS time by jumps"
+def _kind(clock_m: Float64, by_jumps_m: Float64, drift_mps: float, span_s: float) -> str:
+    """Return how the receiver treats its clock; ``by_jumps_m`` is the part of the offset that jumps made so far."""
+    if by_jumps_m.any():
+        is_held = np.ptp(clock_m) < np.ptp(clock_m - by_jumps_m)
+        return "held near GPS time by jumps" if is_held else "moved away from GPS time by jumps"
     wandered = float(np.ptp(clock_m))
     if wandered < STEERED_M and abs(float(np.median(clock_m))) < STEERED_M:
         return "steered to GPS time" if abs(drift_mps) * span_s > 2.0 * STEERED_M else "near GPS time"

@@ -109,8 +109,10 @@ def test_clock_that_drifts_is_left_alone() -> None:
 def test_clock_that_jumps_is_told_with_number_and_size() -> None:
     t = np.arange(100.0)
     jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
-    assert "held near GPS time by jumps" in clock(50.0 * t - jumps, np.full(100, 50.0))
-    assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+    drift = 1e-3 * C_MPS / 25.0
+    for drifted, how in ((drift * t, "held near"), (-drift * t, "moved away from")):
+        text = clock(drifted - jumps, np.full(100, drifted[1]))
+        assert f"{how} GPS time by jumps" in text and "3 jump(s) of 1 ms" in text
 
 
 def test_multiples_of_a_jump_are_jumps_too() -> None:
