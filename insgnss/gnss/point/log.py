@@ -146,10 +146,11 @@ def see_rows(
         room.visible[j] = sine >= settings.sine_mask and not rows.cn0[i] < settings.cn0_mask
         delay = slant_delay(air, rows.klobuchar, seen, rows.ionosphere_factor[i], rows.ionosphere_m[i])
         room.fitted[0, j] = room.raw[0, j] - delay
-        modelled = _variance(rows.sigma[i, 0], sine, rows.thermal[i], settings.range_noise)
+        thermal = float(rows.thermal[i])  # of single precision: plain Python would compute in it
+        modelled = _variance(rows.sigma[i, 0], sine, thermal, settings.range_noise)
         left = settings.unmodelled_zenith_m * shell_mapping(sine)
-        room.sigma[0, j] = math.sqrt(modelled * rows.variance_scale[i] + left * left)
-        room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, rows.thermal[i], settings.rate_noise))
+        room.sigma[0, j] = math.sqrt(modelled * float(rows.variance_scale[i]) + left * left)
+        room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, thermal, settings.rate_noise))
 
 
 @kernel(apart=True)

@@ -129,7 +129,7 @@ def sampled_us(rows: Any) -> Int64:
 
 def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
     """Return the correction of the solution's heights to the ellipsoid."""
-    # simulators leave it zero
+    # a simulator may leave it zero
     if "alt_ellipsoid" in rows and np.any(rows["alt_ellipsoid"]):
         difference: Float64 = np.asarray(rows["alt_ellipsoid"], np.float64) - np.asarray(
             rows["alt"], np.float64
