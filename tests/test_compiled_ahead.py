@@ -87,11 +87,11 @@ def test_cache_is_not_complete_where_a_process_is_too_slow(tiny_package: Path) -
     assert not list((tiny_package / "cache").rglob("taken-*"))
 
 
-def test_nothing_is_started_where_the_cache_cannot_be_written(tiny_package: Path) -> None:
+def test_private_cache_is_filled_where_the_named_one_cannot_be_written(tiny_package: Path) -> None:
     (tiny_package / "cache").write_text("a file, no folder", encoding="utf-8")
 
-    assert run_beside(tiny_package, child="", parent=SHOW) == "2.0 0 False"
-    assert not children(tiny_package)
+    assert run_beside(tiny_package, child=SHARE, parent=SHOW) == "2.0 1 True"
+    assert (tiny_package / "cache").read_text(encoding="utf-8") == "a file, no folder"
 
 
 def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
@@ -105,7 +105,7 @@ def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
 
 @pytest.mark.parametrize("end", ["os._exit(0)", "pass", "beside = None"])
 def test_process_does_not_outlive_its_parent(tiny_package: Path, end: str) -> None:
-    until_child_runs = "\n    while not pathlib.Path('child').exists(): time.sleep(0.01)\n    "
+    until_child_runs = "\n    while not pathlib.Path('child').exists() or not pathlib.Path('child').read_text(): time.sleep(0.01)\n    "
     run_beside(tiny_package, child="time.sleep(60.0)", parent=until_child_runs + end)
 
     left = children(tiny_package)

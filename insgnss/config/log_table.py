@@ -76,7 +76,8 @@ class TimeScale(StrictModel):
     @model_serializer(mode="wrap")
     def _what_is_declared(self, all_keys: SerializerFunctionWrapHandler) -> dict[str, Any]:
         # a unit or an order that is written has a meaning that the default has not: a copy must not write it
-        return {key: value for key, value in all_keys(self).items() if key in self.model_fields_set}
+        undeclared = {"unit", "date_order"} - self.model_fields_set
+        return {key: value for key, value in all_keys(self).items() if key not in undeclared}
 
 
 def require_different(names: tuple[str, ...], advice: str) -> None:

@@ -96,7 +96,7 @@ def row_corrections(
     model = setup.config.measurements.ionosphere
     navigation = setup.navigation
     ionosphere_l1: Float64 | None = None
-    if model == "klobuchar" and setup.unmodelled_zenith_m > 0.0:
+    if model == "klobuchar" and setup.unmodelled_zenith_m > 0.0 and len(logs.gnss.t_ns):
         detail = (
             f"no coefficients of the ionosphere model: {setup.unmodelled_zenith_m:g} m at the zenith (one sigma) are"
             " left in the pseudoranges; name the day's navigation file"

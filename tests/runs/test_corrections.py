@@ -144,8 +144,10 @@ def test_model_without_coefficients_is_a_typed_error(model: str) -> None:
 
 def test_model_for_a_log_without_messages_is_a_typed_error() -> None:
     """States in the log bring no coefficients: a constant delay of a model without them would be worse than none."""
+    flight = two_clocks(0.0)
+    flight = replace(flight, logs=replace(flight.logs, navigation=None))
     with pytest.raises(NavigationDataError, match="coefficients"):
-        insgnss.replay(two_clocks(0.0), settings(ionosphere="own"))
+        insgnss.replay(flight, settings(ionosphere="own"))
 
 
 # ------------------------------------------------------------------------------------------------ two carriers

@@ -80,9 +80,11 @@ def settings(
             "elevation_mask_deg": mask_deg,
         }
     )
+    no_slow_errors = config.slow_errors.model_copy(update={"no_ionosphere_zenith_m": 0.0})
     return config.model_copy(
         update={
             "measurements": use,
+            "slow_errors": no_slow_errors,
             "pseudorange_noise_m": NoiseConfig(floor=1e-3, elevation=0.0, cn0_at_45_dbhz=0.0),
             "range_rate_noise_mps": NoiseConfig(floor=0.2, elevation=0.0, cn0_at_45_dbhz=0.0),
         }

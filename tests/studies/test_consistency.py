@@ -302,6 +302,7 @@ def test_command_prints_the_verdict_and_writes_tables_and_picture(tmp_path: Path
     ("nis", "low", "high", "factor", "words"),
     [
         (0.981, 0.903, 1.102, 1.1, "agree with their sigma: range rate noise is as assumed"),
+        (0.981, 0.903, 1.102, 1.3, "range rate noise is 1.3 times the assumed, by the residuals alone"),
         (1.15, 0.8, 1.2, 1.1, "are 1.1 times their sigma, within chance: range rate noise is as assumed"),
         (1.15, 0.9, 1.1, 1.1, "are 1.1 times their sigma: range rate noise is 1.1 times the assumed"),
         (1.06, 0.98, 1.02, 1.07, "to 3 %, not by chance: range rate noise is 1.1 times the assumed"),
@@ -312,7 +313,7 @@ def test_command_prints_the_verdict_and_writes_tables_and_picture(tmp_path: Path
 def test_innovations_and_noise_are_judged_once(
     nis: float, low: float, high: float, factor: float, words: str
 ) -> None:
-    row = {"mean_nis": nis, "low": low, "high": high, "factor": factor, "refused": 0, "used": 100}
+    row = {"mean_nis": nis, "low": low, "high": high, "factor": factor, "refused": 0, "used": 100, "dof": 100}
     none = pd.DataFrame({"kind": "", "state": "", "reduction": 0.0, "known_s": 0.0}, index=[])
     kinds = pd.DataFrame([{"kind": "range_rate", **row}])
     heading = HeadingAgreement(None, False, 90.0, 90.0, 90.0, 5.0)

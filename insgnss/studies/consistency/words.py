@@ -21,6 +21,7 @@ _CORRELATED: Final = 0.1  # at lag one; less costs under a tenth of the informat
 _LEAST_CHANCE: Final = 1e-12  # a smaller one is as good as none
 _SATELLITES_TOLD: Final = 4
 _HARDLY: Final = 1.5  # a sigma that came down by less was hardly observed
+_CHANCE_Z: Final = 2.58  # a factor is beyond chance with 99 %
 _SHORT_OF_NONE: Final = 0.05
 _STATES: Final = {"accel_bias": "accelerometer bias", "gyro_bias": "gyro bias"}
 
@@ -60,9 +61,12 @@ def _of_noise(row: Mapping[Any, Any]) -> str:
     refused = _number(row, "refused") / (_number(row, "refused") + _number(row, "used"))
     also = f"; {100.0 * refused:.1f} % were refused for their innovation" if refused > _SHORT_OF_NONE else ""
     innovations, agree = times_their_sigma(ratio), abs(ratio - 1.0) < AGREES_WITHIN
-    if low <= nis <= high:  # what the factor departs from 1 by is then chance, too
+    if low <= nis <= high:
         innovations += "" if agree else ", within chance"
         noise = "as assumed"
+        if abs(factor - 1.0) > max(AGREES_WITHIN, _CHANCE_Z / np.sqrt(2.0 * max(_number(row, "dof"), 1.0))):
+            # residuals know the noise better than innovations, which hold the state's uncertainty too
+            noise = f"{factor:.2g} times the assumed, by the residuals alone"
     else:
         innovations += f" to {100.0 * abs(ratio - 1.0):.1g} %, not by chance" if agree else ""
         noise = f"{factor:.2g} times the assumed"
