@@ -105,7 +105,8 @@ def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
 
 @pytest.mark.parametrize("end", ["os._exit(0)", "pass", "beside = None"])
 def test_process_does_not_outlive_its_parent(tiny_package: Path, end: str) -> None:
-    until_child_runs = "\n    while not pathlib.Path('child').exists() or not pathlib.Path('child').read_text(): time.sleep(0.01)\n    "
+    has_begun = "pathlib.Path('child').exists() and pathlib.Path('child').read_text()"
+    until_child_runs = f"\n    while not ({has_begun}): time.sleep(0.01)\n    "
     run_beside(tiny_package, child="time.sleep(60.0)", parent=until_child_runs + end)
 
     left = children(tiny_package)
