@@ -15,7 +15,7 @@ from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_me
 from insgnss.gnss.orbits.plausible_messages import plausible_klobuchar
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.tables import NavigationData, PreciseProducts
+from insgnss.tables import PreciseProducts
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,6 @@ class AidingSources:
 def aiding_sources(
     filter: FilterSetup,
     config: AidingConfig,
-    navigation: NavigationData | None = None,
     channels: Mapping[str, int] | None = None,
 ) -> AidingSources:
     """Return the inputs of a filter's aiding.
@@ -55,15 +54,14 @@ def aiding_sources(
     ----------
     filter : of the run that is aided
     config : of the aiding
-    navigation : messages for a log that carries satellite states in its rows; the filter's own otherwise
     channels : GLONASS channels beyond those of the messages
 
     Raises
     ------
     NavigationDataError : nothing says where satellites are that the log does not hold
     """
-    navigation = filter.navigation if filter.navigation is not None else navigation
-    if navigation is None and filter.products is None:
+    navigation = filter.navigation
+    if filter.products is None and (navigation is None or not navigation.has_messages):
         raise NavigationDataError(
             "the aiding of a log with satellite states in its rows needs messages or precise products: the rows do"
             " not cover hidden satellites and the time between epochs",

@@ -181,7 +181,7 @@ class FilterSetup:
 
     @property
     def unmodelled_zenith_m(self) -> float:
-        """Sigma of the ionosphere at the zenith where no model and no base station removes it [m], else zero."""
+        """Sigma at the zenith [m] of an ionosphere that no model removes, else zero; a base station leaves a share."""
         return self.slow_sizes.ionosphere if self.lacks_ionosphere else 0.0
 
     @property

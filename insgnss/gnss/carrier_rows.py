@@ -100,9 +100,10 @@ def carrier_rows(
     interval = np.concatenate([[np.inf], np.diff(epoch_ns) / NS_PER_S])
     status = np.where(usable == USED, np.int8(USED if wanted else SWITCHED_OFF), usable)
     _mark(status, ~np.isfinite(wavelength) | (np.abs(phase) > _FARTHEST_M), BAD_VALUE)
-    if gnss.sat is None or message is not None:
-        computed = True if gnss.sat is None or message is None else message >= 0  # not stated by the log
-        _mark(status, computed & ~_timed(gnss, epoch, len(epoch_ns)), NO_RANGE)
+    if gnss.sat is None:
+        _mark(status, ~_timed(gnss, epoch, len(epoch_ns)), NO_RANGE)
+    elif message is not None:  # of rows without a state of their own
+        _mark(status, (message >= 0) & ~_timed(gnss, epoch, len(epoch_ns)), NO_RANGE)
     before = _row_before(gnss, epoch, np.isfinite(phase) & (status == USED))
     paired = (before >= 0) & (interval[epoch] <= max_interval_s)
     status[(status == USED) & ~paired] = NO_EPOCH_BEFORE

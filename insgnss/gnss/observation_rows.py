@@ -287,16 +287,15 @@ def _states(
 
     States in the log are not copied if all of them are good: an hour of a big log has 70 MB of them.
     """
-    status = None if gnss.sat is None else status_of_given(gnss.sat).astype(np.int8)
-    if status is None or gnss.sat is None or (messages is not None and (status == NO_EPHEMERIS).any()):
-        states = satellite_states(gnss, messages) if states is None else states
-        sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
-        return sat, states.status.astype(np.int8), states.message
-    given = status == USED
-    sat = np.require(gnss.sat, np.float64, ("C", "W"))
-    if not given.all():
-        sat = np.where(given[:, None], sat, math.nan)
-    return sat, status, None
+    if gnss.sat is not None:
+        status = status_of_given(gnss.sat).astype(np.int8)
+        given = status == USED
+        if messages is None or not (status == NO_EPHEMERIS).any():
+            sat = np.require(gnss.sat, np.float64, ("C", "W"))
+            return (sat if given.all() else np.where(given[:, None], sat, math.nan)), status, None
+    states = satellite_states(gnss, messages) if states is None else states
+    sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
+    return sat, states.status.astype(np.int8), states.message
 
 
 def _signal_choice(gnss: GnssTable, signals: Mapping[str, tuple[str, ...]]) -> Int64:

@@ -22,13 +22,12 @@ from insgnss.log.first_flight_file import (
     REFERENCE_FILE,
     flight_text,
 )
-from insgnss.log.gnss_log import merged
+from insgnss.log.gnss_log import with_files
 from insgnss.log.joined_logs import FormatLog, join_logs
 from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.nav_writer import write_rinex_navigation
-from insgnss.log.rinex.navigation import read_navigation
 from insgnss.results.saving import overwriting, saving
 from insgnss.tables import Event
 
@@ -62,11 +61,8 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     formats = tuple((path, detect_format(path)) for path in inputs)
     log, events = _read(formats, LogDeclarations() if declared is None else declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
-    navigation = log.navigation
-    if navigation_files:
-        from_files, found = read_navigation(navigation_files, coefficients_suffice=log.gnss.sat is not None)
-        events += found
-        navigation = from_files if navigation is None else merged(from_files, navigation)
+    navigation, found = with_files(log.navigation, navigation_files, log.gnss.sat is not None)
+    events += found
     gnss, found = states_beside(log.gnss, navigation)
     events += found
     log = replace(log, gnss=gnss)

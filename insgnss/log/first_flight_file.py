@@ -80,7 +80,7 @@ def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
     found = len(log.gnss.t_ns) > 0
     lines = [
         "[gnss]",
-        f'files = ["{GNSS_FILE}"]{"" if found else "  # DECLARE: there is no such file yet"}',
+        f'files = ["{GNSS_FILE}"]{"" if found else "  # DECLARE: this file does not exist yet"}',
         _navigation_line(navigation, log),
         "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
         'oscillator = "tcxo"  # DECLARE when you know better',

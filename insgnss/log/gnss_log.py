@@ -55,14 +55,11 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     gnss, events = log.gnss, list(log.events)
     if config.glonass_channels:
         gnss = replace(gnss, glonass_channels=gnss.glonass_channels | config.glonass_channels)
-    navigation = log.navigation
-    if config.navigation:
-        from_files, found = read_navigation(config.navigation, coefficients_suffice=gnss.sat is not None)
-        events += found
-        navigation = from_files if navigation is None else merged(from_files, navigation)
+    navigation, found = with_files(log.navigation, config.navigation, gnss.sat is not None)
+    events += found
     gnss, found = with_slots(gnss, navigation)
     events += found
-    if gnss.sat is not None and config.format == "android":
+    if config.format == "android":
         gnss, found = states_beside(gnss, navigation, bool(config.precise))
         events += found
     products = antennas = base = None
@@ -159,6 +156,23 @@ _READERS: Final[dict[str, Callable[[Path], ReceiverLog]]] = {
     "sbf": read_sbf,
     "android": read_android,
 }
+
+
+def with_files(
+    own: NavigationData | None, files: Sequence[Path], stated: bool
+) -> tuple[NavigationData | None, list[Event]]:
+    """Return the messages of navigation files together with a log's own; of what both have, the files' count.
+
+    ``stated``: the log states where its satellites were, so that a file may hold ionosphere coefficients alone.
+
+    Raises
+    ------
+    NavigationDataError : a file cannot be used
+    """
+    if not files:
+        return own, []
+    found, events = read_navigation(files, coefficients_suffice=stated)
+    return (found if own is None else merged(found, own)), events
 
 
 def merged(first: NavigationData, second: NavigationData) -> NavigationData:

@@ -26,13 +26,13 @@ def states_beside(
     if not products:
         served = satellite_states(replace(gnss, sat=None), navigation).message >= 0
     kept = ~served & (status_of_given(gnss.sat) == USED)
-    systems = np.array([name[0] for name in gnss.sv_names], "U1")[gnss.sv]
-    detail = f"the phone's satellite states are used where there is no message: {_by_system(systems[kept])}"
     if not kept.any():
         detail = f"the phone's satellite states are not used: {'products' if products else 'messages'} replace them"
-    event = Event(None, "satellite_states_beside" if kept.any() else "satellite_states_not_used", detail)
-    sat = np.where(kept[:, None], gnss.sat, np.nan) if kept.any() else None
-    return replace(gnss, sat=sat), [event]
+        return replace(gnss, sat=None), [Event(None, "satellite_states_not_used", detail)]
+    systems = np.array([name[0] for name in gnss.sv_names], "U1")[gnss.sv]
+    detail = f"the phone's satellite states are used in rows without a message: {_by_system(systems[kept])}"
+    sat = np.where(kept[:, None], gnss.sat, np.nan)
+    return replace(gnss, sat=sat), [Event(None, "satellite_states_beside", detail)]
 
 
 def _by_system(systems: npt.NDArray[np.str_]) -> str:

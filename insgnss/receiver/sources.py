@@ -19,7 +19,7 @@ from insgnss.receiver.events import ReceiverEvents
 from insgnss.receiver.predictions import SupervisionSetup, outlook
 from insgnss.receiver.sightings import LATE_EPOCHS, Sightings, sightings_of
 from insgnss.receiver.supervised_run import SupervisedRun, supervise_run
-from insgnss.tables import Event, Int64, NavigationData
+from insgnss.tables import Event, Int64
 
 # the last sample before an epoch, at most so old: else inertial ones lack
 LATEST_SAMPLE_NS: Final = NS_PER_S // 10
@@ -67,7 +67,7 @@ def supervision_sources(
     InputError or a subclass : the log of the receiver's events cannot be used
     """
     seen = {name[0] for name in logs.gnss.sv_names}
-    setup, satellites = setup_and_satellites(filter, seen, logs.navigation, logs.gnss.glonass_channels)
+    setup, satellites = setup_and_satellites(filter, seen, logs.gnss.glonass_channels)
     sightings = sightings_of(logs.gnss)
     samples_ns, epoch_ns = epoch_samples(logs.imu.t_ns, without_silences(sightings.epoch_ns))
     receiver_log: ReceiverEvents | None = None
@@ -80,7 +80,6 @@ def supervision_sources(
 def setup_and_satellites(
     filter: FilterSetup,
     letters: Collection[str],
-    navigation: NavigationData | None = None,
     channels: Mapping[str, int] | None = None,
 ) -> tuple[SupervisionSetup, AidingSources]:
     """Return the setup of a supervision and its satellites: those of some constellations, on their signal for aiding.
@@ -92,7 +91,7 @@ def setup_and_satellites(
     config = filter.config
     signals = {letter: code for letter, code in config.aiding.signals.items() if letter in letters}
     wanted = config.aiding.model_copy(update={"signals": signals})
-    satellites = aiding_sources(filter, wanted, navigation, channels)
+    satellites = aiding_sources(filter, wanted, channels)
     mask_deg = config.measurements.elevation_mask_deg
     setup = SupervisionSetup(
         satellites.setup, filter.installation, config.visibility, config.search, mask_deg

@@ -44,6 +44,11 @@ def annotate_all(tables: Iterable[pd.DataFrame | None], settings: Mapping[str, A
             table.attrs[FLIGHT] = str(flight.get("name") or "")
 
 
+def label_as(table: pd.DataFrame, other: pd.DataFrame) -> None:
+    """Write the flight and the GPS week of another table into the ``attrs``."""
+    table.attrs |= {name: other.attrs[name] for name in (GPS_WEEK, FLIGHT) if name in other.attrs}
+
+
 def what_and_when(table: pd.DataFrame) -> str:
     """Return the caption of a picture: the flight's name and the span of the table in UTC, empty where unknown."""
     week, name = table.attrs.get(GPS_WEEK), table.attrs.get(FLIGHT, "")

@@ -169,10 +169,8 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
         channels=glonass_channels(logs.base, messages),
     )
     message = setup.states(logs.gnss, messages).message
-    of_messages = bool(
-        (message >= 0).any()
-    )  # else the log states where its satellites were, as the base does
-    found = apply(corrections, logs.gnss, message if of_messages else None, base.max_age_s)
+    known = (message >= 0).any()  # else the log states where its satellites were, by the base's messages
+    found = apply(corrections, logs.gnss, message if known else None, base.max_age_s)
     share = float(np.mean(np.isfinite(found))) if len(found) else 0.0
     if share == 0.0:
         raise _no_corrections(base)

@@ -27,7 +27,8 @@ def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | No
     """
     config = flight.config.gnss
     products = read_precise(config.precise)[0] if config.precise else None
-    if gnss.sat is None and navigation is None and products is None:
+    has_messages = navigation is not None and navigation.has_messages
+    if gnss.sat is None and not has_messages and products is None:
         return None
     no_imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     logs = FlightLogs(no_imu, gnss, navigation, None, [], {}, products)

@@ -249,7 +249,7 @@ def _prepared(
     setup = setup_filter(flight, logs, config, several=False).with_further(*also)
     sources = None
     if aided is not None:
-        sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
+        sources = aiding_sources(setup, aided, logs.gnss.glonass_channels)
     # several antennas look at the log as a whole
     most_rows = MOST_ROWS if flight.config.attitude is None else None
     blocks, found = row_blocks(setup, logs, flight, most_rows)

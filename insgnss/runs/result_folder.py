@@ -104,7 +104,7 @@ def _require_whole_run(folder: Path) -> None:
 
 
 def _replay_again(folder: Path) -> str:
-    """Return the advice to replay, over the old files only where all that would be replaced was a run of ours."""
+    """Return the advice to replay; it overwrites the folder's files only if they are a run that was saved there."""
     place = "FOLDER --force" if saved_as(RUN_KIND, folder) else "NEW_FOLDER"
     return f"replay the flight again: insgnss replay FLIGHT --output {place}"
 
@@ -216,10 +216,8 @@ def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
         raise ResultError(
             "the table has two columns of one name", file=path, advice=_replay_again(path.parent)
         )
-    attrs, table.attrs = (
-        table.attrs,
-        {},
-    )  # of which pandas makes a deep copy for each column that is looked at
+    # pandas would copy them, deeply, for each column that is looked at
+    attrs, table.attrs = table.attrs, {}
     for name in map(str, table.columns):
         if name in _WORDS:
             table = _with_words(table, name, path)

@@ -25,6 +25,7 @@ from insgnss.gnss.orbits.satellite_state import range_rates, satellite_states
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight
+from insgnss.log.messages.broadcast import Broadcast
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage
@@ -120,8 +121,18 @@ def test_log_with_satellite_states_in_its_rows_needs_messages_beside_it() -> Non
     )
     with pytest.raises(NavigationDataError, match="needs messages"):
         insgnss.replay(alone, aiding=10)
+    broadcast = Broadcast()
+    broadcast.ionosphere_of("gps", (1e-8,) * 4 + (1e5,) * 4)
+    coefficients = broadcast.navigation()
+    with pytest.raises(NavigationDataError, match="needs messages"):
+        insgnss.replay(
+            dataclasses.replace(alone, logs=dataclasses.replace(alone.logs, navigation=coefficients)),
+            aiding=10,
+        )
     setup = setup_filter(alone, alone.logs, filter_config("tight17"))
-    sources = aiding_sources(setup, setup.config.aiding, flown.logs.navigation)
+    sources = aiding_sources(
+        dataclasses.replace(setup, navigation=flown.logs.navigation), setup.config.aiding
+    )
     first_ns = int(gnss.t_ns[0])
     assert sources.arcs(first_ns, first_ns).sv_names == tuple(sorted(gnss.sv_names))
 

@@ -208,7 +208,7 @@ def test_form_is_read_in_every_cell(tmp_path: Path, cell: str, order: str | None
 @pytest.mark.parametrize(
     "cell",
     [
-        "24.09.25 09:34:43",  # which number is the year, nobody says
+        "24.09.25 09:34:43",  # which number is the year is not stated
         "240925093443",
         "2025092409344",
         "24:09:25 09:34:43",

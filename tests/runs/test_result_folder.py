@@ -1,4 +1,4 @@
-"""A folder that is no whole run is refused, with advice that destroys nothing of anybody."""
+"""An incomplete run is refused, and nobody loses a file who follows the advice."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from insgnss.log.checks.report import CheckReport, Finding, Proposal, from_event
 from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight
 from insgnss.log.glonass_slots import with_slots
-from insgnss.log.gnss_log import merged, missing_navigation, read_receiver
+from insgnss.log.gnss_log import missing_navigation, read_receiver, with_files
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.log.imu.frozen import DEAD
 from insgnss.log.navigation_span import check_navigation_time
@@ -26,7 +26,6 @@ from insgnss.log.overlap import check_overlap, epochs_outside
 from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
-from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 Table = TypeVar("Table")
@@ -159,16 +158,10 @@ def _read_messages(
     findings: list[Finding], flight: Flight, receiver: ReceiverLog | None
 ) -> NavigationData | None:
     """Return the messages of the navigation files and of the receiver's own log, None without any."""
-    files = flight.config.gnss.navigation
-    navigation = None if receiver is None else receiver.navigation
-    if files:
-        stated = receiver is not None and receiver.gnss.sat is not None
-        from_files = _attempt(
-            findings, "navigation", lambda: read_navigation(files, coefficients_suffice=stated)
-        )
-        if from_files is not None:
-            navigation = from_files if navigation is None else merged(from_files, navigation)
-    return navigation
+    own = None if receiver is None else receiver.navigation
+    stated = receiver is not None and receiver.gnss.sat is not None
+    found = _attempt(findings, "navigation", lambda: with_files(own, flight.config.gnss.navigation, stated))
+    return own if found is None else found
 
 
 def _channels(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> dict[str, int]:

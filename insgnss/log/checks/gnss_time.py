@@ -47,7 +47,7 @@ def gnss_time_findings(
     With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
     four satellites of known messages say nothing.
     """
-    if navigation is None or gnss.sat is not None:
+    if navigation is None or not navigation.has_messages or gnss.sat is not None:
         return []
     count = _satellites(gnss, navigation)
     enough = np.flatnonzero(count >= FOUR)

@@ -20,6 +20,7 @@ _NEEDED: Final = (
     "END OF HEADER",
 )
 _MOST_LINES: Final = 20
+_END: Final = "END OF HEADER"
 _SLOTS: Final = "GLONASS SLOT / FRQ #"
 # RINEX 3.05, table A2: I3, 8(1X, A1, I2.2, 1X, I2); Android's GnssLogger writes the first line one column short
 _SLOT: Final = re.compile(r"R([ \d]\d) *([-+]?\d{1,2})(?!\d)")
@@ -57,7 +58,7 @@ def mended_header(
     return text, events
 
 
-def glonass_channels(text: str, path: Path) -> tuple[str, dict[str, int], list[Event]]:
+def slot_channels(text: str, path: Path) -> tuple[str, dict[str, int], list[Event]]:
     """Return a text with its lines of GLONASS channels made comments, the channels, and an event of each unread part.
 
     The channels are read in whatever columns they stand, in the header and in later header records.
@@ -84,13 +85,15 @@ def without_skipped_lines(
     text: str, parse: Callable[[str], Any], error: type[Exception], path: Path
 ) -> tuple[str, list[Event]]:
     """Return a text without the header lines that the reader cannot read and passes over, and an event of each."""
-    header, end, rest = text.partition("END OF HEADER")
-    lines = header.split("\n")
-    events: list[Event] = []
-    if not end:
+    begin = text.find(_END)
+    if begin < 0:
         return text, []
+    lines = text[:begin].split("\n")
+    events: list[Event] = []
     try:
-        skipped = parse(header + end).skipped_records
+        skipped = parse(text[:begin] + _END).skipped_records
+        if not skipped:  # of nearly all files: no copy of the text
+            return text, []
         for k, line in enumerate(lines[1:], start=1):
             label = line[_LABEL:].strip()
             if not skipped:
@@ -98,7 +101,7 @@ def without_skipped_lines(
             if not label or label in _NEEDED:
                 continue
             lines[k] = _COMMENT
-            left = parse("\n".join(lines) + end).skipped_records
+            left = parse("\n".join(lines) + _END).skipped_records
             if left < skipped:
                 events.append(_mended(path, k + 1, label, f"left out: {line[:_LABEL].strip()}"))
             else:
@@ -106,7 +109,7 @@ def without_skipped_lines(
             skipped = left
     except error:  # the whole text's parse says what is wrong
         return text, []
-    return "\n".join(lines) + end + rest, events
+    return "\n".join(lines) + text[begin:], events
 
 
 def _mended(path: Path, line: int, label: str, what: str) -> Event:

@@ -21,7 +21,7 @@ from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
 from insgnss.log.rinex.hatanaka import sound_start
-from insgnss.log.rinex.header import glonass_channels, mended_header, without_skipped_lines
+from insgnss.log.rinex.header import mended_header, slot_channels, without_skipped_lines
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
 from insgnss.log.rinex.text import split_epochs
@@ -62,7 +62,7 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
 
 def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
     text, events = _observation_text(path)
-    text, channels, told = glonass_channels(text, path)
+    text, channels, told = slot_channels(text, path)
     events += told
     text, told = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
     events += told

@@ -230,17 +230,19 @@ def _further(
     tables: list[FurtherSamples] = []
     events: list[Event] = []
     for (name, instance), rows in data.items():
-        kind, columns, unit = FURTHER.get(name, (BAROMETER, (), 0.0))
+        if name not in FURTHER:
+            continue
+        kind, columns, unit = FURTHER[name]
         missing = [column for column in columns if column not in rows]
         if missing:
             detail = f"topics not read: {name}, without the column '{missing[0]}'"
             events.append(Event(None, "ulog_not_used", detail))
-        elif columns:
-            t_us, values = sampled_us(rows), unit * _vectors(rows, columns)
-            near = clock.is_near(t_us)
-            found, told = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
-            tables += found
-            events += told
+            continue
+        t_us, values = sampled_us(rows), unit * _vectors(rows, columns)
+        near = clock.is_near(t_us)
+        found, told = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
+        tables += found
+        events += told
     return tables, events
 
 

@@ -36,7 +36,7 @@ from insgnss.geodesy.directions import angle_columns, directions
 from insgnss.interference.margin import db, ratio
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import save_study
-from insgnss.runs.datum import FLIGHT, GPS_WEEK
+from insgnss.runs.datum import label_as
 from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
 from insgnss.runs.margin.path import FlownPath, aiding_sigma, flown_path
@@ -132,7 +132,7 @@ def flown_margin(
     events += _spells(table) + _never_in_sight(path, found, config)
     events.sort(key=lambda event: event[0])
     event_table = pd.DataFrame(events, columns=["time_s", "kind", "detail"])
-    table.attrs |= {name: run.nav.attrs[name] for name in (GPS_WEEK, FLIGHT) if name in run.nav.attrs}
+    label_as(table, run.nav)
     return FlownMargin(table, _emitter_table(path, found, config), event_table, config)
 
 

@@ -105,7 +105,7 @@ def _navigation(flight: Flight) -> tuple[NavigationData, list[Event]]:
     if gnss.navigation:
         return read_navigation(gnss.navigation)
     logs = read_gnss_logs(gnss, flight.config.gps_week, flight.path)
-    if logs.navigation is None:
+    if logs.navigation is None or not logs.navigation.has_messages:
         advice = "name RINEX files under gnss.navigation, or study a saved run, which has their positions"
         raise ConfigError(
             "no source of satellite positions", file=flight.path, key="gnss.navigation", advice=advice

@@ -29,7 +29,7 @@ import pandas as pd
 from insgnss.errors import ConfigError, ResultError
 from insgnss.results.shown import ResultDisplay
 from insgnss.runs.agreement import heading_of
-from insgnss.runs.datum import FLIGHT, GPS_WEEK
+from insgnss.runs.datum import label_as
 from insgnss.runs.result import Run
 from insgnss.studies.consistency import pictures
 from insgnss.studies.consistency.error_statistics import (
@@ -142,7 +142,7 @@ def consistency_study(
     adapts = bool(filter_settings.get("adaptation", {}).get("on", False))
     told = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, heading, adapts=adapts)
     sigmas = run.nav[["time_s", *(c for c in SIGMAS if c in run.nav)]]
-    judged.table.attrs |= {name: run.nav.attrs[name] for name in (GPS_WEEK, FLIGHT) if name in run.nav.attrs}
+    label_as(judged.table, run.nav)
     asked = {"confidence": confidence, "lags": lags, "from_s": start_s}
     return Consistency(kinds, satellites, white, states, seen, sigmas, judged.table, told, asked)
 
