@@ -10,6 +10,7 @@ import argparse
 import re
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections import Counter
@@ -39,12 +40,13 @@ def main() -> None:
 
 def _run(asked: argparse.Namespace) -> None:
     warnings.simplefilter("error")
-    wanted = [target for target in targets(asked.output) if re.search(asked.only, target.name)]
     numbers = range(asked.first, asked.first + asked.count)
-    for found in failures(wanted, asked.seed, numbers, asked.output):
-        last = [line.strip() for line in found.told.splitlines() if line.startswith("  File")][-1:]
-        told = found.told.strip().splitlines()[-1]
-        print(f"{found.target} | {' '.join(last)} | {told} | {found.file}", flush=True)
+    with tempfile.TemporaryDirectory() as runs:
+        wanted = [target for target in targets(Path(runs)) if re.search(asked.only, target.name)]
+        for found in failures(wanted, asked.seed, numbers, asked.output):
+            last = [line.strip() for line in found.told.splitlines() if line.startswith("  File")][-1:]
+            told = found.told.strip().splitlines()[-1]
+            print(f"{found.target} | {' '.join(last)} | {told} | {found.file}", flush=True)
 
 
 def _supervise(asked: argparse.Namespace) -> None:
