@@ -54,5 +54,9 @@ def dtype_of(record: type[Record], *, align: bool = False) -> np.dtype[Any]:
 
 
 def _element_of(array: Any) -> Any:
-    """Return the type of an array's elements, out of that of the array."""
-    return typing.get_args(typing.get_args(array)[1])[0]
+    """Return the type of an array's elements, out of that of the array.
+
+    ``NDArray[t]`` has the argument t from NumPy 2.5 on; before it is ``ndarray[shape, dtype[t]]``.
+    """
+    kind = typing.get_args(array)[-1]
+    return next(iter(typing.get_args(kind)), kind)
