@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable, require_different
+from insgnss.config.log_table import ColumnName, LogColumns, LogTable, require_different
 from insgnss.config.quantities import AXES, NotNegative, Positive, Vector3
 from insgnss.config.strict import StrictModel
 
@@ -20,8 +20,7 @@ class ImuColumns(LogColumns):
 
     def tables(self) -> tuple[tuple[str, ...], ...]:
         """Return the names of each file's columns, where the two sensors have files of their own."""
-        times = tuple(name for name in (self.time, self.date, self.week) if name != NO_COLUMN)
-        return (*times, *self.gyro), (*times, *self.accel)
+        return (*self.of_time, *self.gyro), (*self.of_time, *self.accel)
 
 
 class ImuGrade(StrictModel):

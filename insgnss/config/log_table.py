@@ -33,6 +33,19 @@ def _by_number(name: Any) -> Any:
 ColumnName = Annotated[str, BeforeValidator(_by_number)]
 
 
+def _one_or_three(names: Any) -> Any:
+    if isinstance(names, list | tuple):
+        if len(names) != len(set(names)) or len(names) != 3:
+            raise ValueError(
+                f"one column, or three different ones, the longest unit first; got {list(names)}"
+            )
+        return tuple(map(_by_number, names))
+    return _by_number(names)
+
+
+ColumnNames = Annotated[str | tuple[str, str, str], BeforeValidator(_one_or_three)]
+
+
 class TimeScale(StrictModel):
     """How the time column of a log counts: ``gps = column * unit + origin + offset_s (+ leap seconds if UTC)``."""
 
@@ -95,8 +108,13 @@ def require_different(names: tuple[str, ...], advice: str) -> None:
 class LogColumns(StrictModel):
     """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
-    time: ColumnName = "time_s"
-    date: ColumnName = Field(NO_COLUMN, description="of dates, where the time column holds the time of day")
+    time: ColumnNames = Field(
+        "time_s", description="of times; of times of day also three: hours, minutes, seconds"
+    )
+    date: ColumnNames = Field(
+        NO_COLUMN,
+        description="of dates, where the time column holds the time of day; or of years, months, days",
+    )
     week: ColumnName = Field(
         NO_COLUMN, description="of GPS weeks, where the time column holds seconds of them"
     )
@@ -109,6 +127,23 @@ class LogColumns(StrictModel):
         for names in self.tables():
             require_different(names, "each needs a column of its own")
         return self
+
+    @property
+    def time_names(self) -> tuple[str, ...]:
+        """The column of times, or those of hours, minutes and seconds."""
+        return (self.time,) if isinstance(self.time, str) else self.time
+
+    @property
+    def date_names(self) -> tuple[str, ...]:
+        """The column of dates, or those of years, months and days; empty without any."""
+        names = (self.date,) if isinstance(self.date, str) else self.date
+        return () if names == (NO_COLUMN,) else names
+
+    @property
+    def of_time(self) -> tuple[str, ...]:
+        """All columns of which a row's time is made."""
+        names = (self.week, *self.date_names, *self.time_names, self.nanoseconds)
+        return tuple(name for name in names if name != NO_COLUMN)
 
     def tables(self) -> tuple[tuple[str, ...], ...]:
         """Return the names of the columns of each file that the log may consist of."""
@@ -139,15 +174,26 @@ class LogTable(StrictModel):
                 raise ValueError(
                     f"columns.{name} goes with time.origin = '{origin}', not '{self.time.origin}'"
                 )
+        is_of_parts = len(self.columns.time_names) > 1
+        if is_of_parts and not self.columns.date_names and self.time.date is None:
+            raise ValueError(
+                "columns.time of hours, minutes and seconds needs a date: name columns.date, or write time.date"
+            )
+        if is_of_parts and "unit" in self.time.model_fields_set:
+            raise ValueError(
+                "unit is of one column of numbers: leave it out beside hours, minutes and seconds"
+            )
+        if len(self.columns.date_names) > 1 and self.time.date_order != "ymd":
+            raise ValueError("columns.date lists years, months and days in this order: leave date_order out")
         if self.time.origin != "calendar":
             return self
         if self.columns.nanoseconds != NO_COLUMN:
             raise ValueError(
                 "columns.nanoseconds goes with times that are numbers, not with origin = 'calendar'"
             )
-        if self.columns.date != NO_COLUMN and self.time.date is not None:
+        if self.columns.date_names and self.time.date is not None:
             raise ValueError("time.date and columns.date both state the date: leave one of them out")
-        if self.time.unit != "s" and self.columns.date == NO_COLUMN and self.time.date is None:
+        if self.time.unit != "s" and not self.columns.date_names and self.time.date is None:
             raise ValueError(
                 "unit is of numbers: leave it out where origin = 'calendar', or name the column of dates as"
                 " columns.date where columns.time counts from midnight"

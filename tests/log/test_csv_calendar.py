@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from insgnss.config.log_table import LogTable
 from insgnss.errors import ColumnError, TimeError
@@ -280,6 +281,62 @@ def test_seconds_of_the_day_beside_a_date_are_read_where_declared(tmp_path: Path
     day = ns_of(dt.datetime(2025, 9, 24))
     assert (t_ns - day).tolist() == [34_482_250_000_000, 7_000_000_000, 86_399_999_999_999]
     assert ["log.csv:5" in event.detail for event in events] == [True]
+
+
+@pytest.mark.parametrize(
+    ("date", "clock"),
+    [
+        ("2025,9,24", "9,4,3.5"),
+        ("2025,09,24", "09,04,03.500000000"),
+        ("2025.0,9.0,24.0", "9.0,4.0,3.5"),
+        (" 2025 , 9, 24", "9 ,4, 3.50"),
+    ],
+)
+def test_year_month_day_hour_minute_and_second_may_have_a_column_each(
+    tmp_path: Path, date: str, clock: str
+) -> None:
+    columns = {"date": ["Y", "M", "D"], "time": ["h", "min", "s"]}
+    t_ns, events = read(tmp_path, "Y,M,D,h,min,s,x", [f"{date},{clock},1"] * 9, columns, scale="gps")
+    assert set(t_ns.tolist()) == {ns_of(dt.datetime(2025, 9, 24, 9, 4, 3, 500_000))} and not events
+
+
+def test_hour_minute_and_second_columns_go_with_a_declared_date_or_one_column_of_dates(
+    tmp_path: Path,
+) -> None:
+    rows = ["23,59,59.75,1", "0,0,0,1", "0,0,0.25,1"]
+    first = ns_of(dt.datetime(2025, 9, 24, 23, 59, 59, 750_000), 18)
+    wanted = [first + k * 250_000_000 for k in range(3)]
+    t_ns, events = read(tmp_path, "h,m,s,x", rows, {"time": ["h", "m", "s"]}, scale="utc", date="2025-09-24")
+    assert t_ns.tolist() == wanted and "midnight_crossover" in {event.kind for event in events}
+    dated = [f"{'24.09.2025' if row[0] == '2' else '25.09.2025'},{row}" for row in rows]
+    columns = {"date": "day", "time": ["h", "m", "s"]}
+    t_ns, _ = read(tmp_path, "day,h,m,s,x", dated, columns, scale="utc", date_order="dmy")
+    assert t_ns.tolist() == wanted
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"date": ["Y", "M"], "time": "t"}, "three different ones"),
+        ({"date": ["Y", "M", "M"], "time": "t"}, "three different ones"),
+        ({"time": ["h", "m", "s"]}, "needs a date"),
+        ({"date": ["Y", "M", "D"], "time": ["h", "m", "Y"]}, "'Y' is named for two things"),
+    ],
+)
+def test_parts_of_a_date_that_do_not_make_one_are_refused(columns: dict[str, object], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        LogTable.model_validate({"columns": columns, "time": {"origin": "calendar", "scale": "utc"}})
+
+
+@pytest.mark.parametrize(
+    "bad", ["2025,13,24,9,4,3.5", "2025,9,31,9,4,3.5", "2025,9,24,9,60,3.5", "2025,9,24,,4,3"]
+)
+def test_impossible_part_of_a_date_refuses_its_row_and_names_all_columns(tmp_path: Path, bad: str) -> None:
+    columns = {"date": ["Y", "M", "D"], "time": ["h", "m", "s"]}
+    rows = [*["2025,9,24,9,4,3.5,1"] * 20, f"{bad},1"]
+    t_ns, events = read(tmp_path, "Y,M,D,h,m,s,x", rows, columns, scale="gps")
+    told = [event.detail for event in events if event.kind == "bad_row"]
+    assert len(t_ns) == 20 and len(told) == 1 and "log.csv:22, column 'Y' and 'M' and 'D' and 'h'" in told[0]
 
 
 @pytest.mark.parametrize("cell", ["2012025 093442", "9092025 093442", "10925 093442", "2025:366:09:34:42"])

@@ -51,26 +51,32 @@ _UNREADABLE: Final = _Moment(0, readable=False)
 
 @dataclass(frozen=True)
 class Calendar:
-    """One column of dates and times, or two, and their meaning.
+    """Columns of dates and times, and their meaning.
 
     The offset of a zone ("Z", "+02:00") is subtracted; the result is UTC or GPS time as ``scale`` says. Leap seconds
     are those in force at each cell, or ``leap_seconds`` for all.
     """
 
-    columns: tuple[str, ...]  # the column of both, or that of dates and that of times
+    times: tuple[str, ...]  # the column of times, or of dates with times; or of hours, minutes and seconds
     order: Literal["ymd", "dmy", "mdy"]
     scale: Literal["gps", "utc"]
     leap_seconds: int | None
     is_order_declared: bool = False  # years of two digits are read then
+    date_columns: tuple[str, ...] = ()  # the column of dates, or of years, months and days
     date: dt.date | None = None  # of every row, where the one column holds times of day
     day_digits: int | None = (
         None  # a number in the column of times counts 10^digits ns of its day; None: undeclared
     )
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """All its columns, the dates' first."""
+        return (*self.date_columns, *self.times)
+
+    @property
     def has_time_apart(self) -> bool:
-        """Whether the times of day stand in a column of their own."""
-        return len(self.columns) == 2 or self.date is not None
+        """Whether the times of day stand in columns of their own."""
+        return bool(self.date_columns) or self.date is not None
 
     def to_gps(self, parts: list[pa.Array]) -> tuple[Int64, Bool]:
         """Return GPS time [ns] of each cell, and which cells are dates with a time; fractions round half to even."""
@@ -114,11 +120,21 @@ class Calendar:
         return None if place < 0 else (place, cells[place].as_py())
 
     def joined(self, parts: list[pa.Array]) -> pa.Array:
-        """Return the cells of one or two columns, or of times after the date of all, as one column of strings."""
+        """Return the cells of all columns, or of times after the date of all, as one column of strings."""
         stripped = [pc.ascii_trim_whitespace(part) for part in parts]
+        n_date = len(self.date_columns)
+        time = _of_parts(stripped[n_date:], ":")
         if self.date is not None:
-            stripped.insert(0, pa.scalar(f"{self.date}", stripped[0].type))
-        return stripped[0] if len(stripped) == 1 else _join(stripped, "T")
+            return _join([pa.scalar(f"{self.date}", time.type), time], "T")
+        return _join([_of_parts(stripped[:n_date], "-"), time], "T") if n_date else time
+
+
+def _of_parts(parts: list[pa.Array], between: str) -> pa.Array:
+    """Return one column, or numbers such as 9, 4 and 3.5 as 9:04:03.5."""
+    if len(parts) == 1:
+        return parts[0]
+    numbers = [pc.replace_substring_regex(part, r"[.,]0*$", "") for part in parts]
+    return pc.replace_substring_regex(_join(numbers, between), rf"{between}(\d)\b", rf"{between}0\1")
 
 
 def _join(parts: list[pa.Array], between: str) -> pa.Array:

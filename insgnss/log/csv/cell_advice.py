@@ -78,10 +78,13 @@ def date_advice(cell: str, calendar: Calendar) -> str:
 def _dates_by_order(cell: str, calendar: Calendar) -> dict[str, str]:
     """Return what a cell means in each order of year, month and day that reads it."""
     found = {}
-    parts = cell.rsplit("T", 1) if calendar.has_time_apart else [cell]
+    parts = (
+        cell.rsplit("T", 1) if calendar.date_columns else [cell.rpartition("T")[2] if calendar.date else cell]
+    )
+    in_one = replace(calendar, times=("time",), date_columns=("date",) if calendar.date_columns else ())
     for order in _ORDERS if calendar.date is None else _ORDERS[:1]:
-        declared = replace(calendar, order=order, is_order_declared=True)
-        t_ns, readable = declared.to_gps([pa.array([part]) for part in parts[-len(calendar.columns) :]])
+        declared = replace(in_one, order=order, is_order_declared=True)
+        t_ns, readable = declared.to_gps([pa.array([part]) for part in parts])
         if readable[0]:
             found[str(order)] = f"{ns_to_datetime(int(t_ns[0])):%Y-%m-%d}"
     return found

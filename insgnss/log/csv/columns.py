@@ -40,7 +40,7 @@ class ColumnSelection:
 
     @property
     def dates(self) -> tuple[str, ...]:
-        """The columns of dates and times: none, one or two."""
+        """The columns of dates and times."""
         return () if self.calendar is None else self.calendar.columns
 
     @property

@@ -43,14 +43,14 @@ def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
     names, scale = log.columns, log.time
     wanted = replace(wanted, decimal=log.decimal)
     if scale.origin == "calendar":
-        columns = (names.time,) if names.date == NO_COLUMN else (names.date, names.time)
         declared = scale.model_fields_set
         calendar = Calendar(
-            columns,
+            names.time_names,
             scale.date_order,
             scale.scale,
             scale.leap_seconds,
             is_order_declared="date_order" in declared,
+            date_columns=names.date_names,
             date=scale.date,
             day_digits=_DIGITS[scale.unit] if "unit" in declared else None,
         )
@@ -58,9 +58,14 @@ def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
     if names.nanoseconds != NO_COLUMN:
         wanted = replace(wanted, exact={names.nanoseconds: 0})
     if is_exact(scale):
-        return replace(wanted, exact={names.time: _DIGITS[scale.unit], **wanted.exact})
+        return replace(wanted, exact={_time(log): _DIGITS[scale.unit], **wanted.exact})
     week = () if names.week == NO_COLUMN else (names.week,)
-    return replace(wanted, numeric=(*week, names.time, *wanted.numeric))
+    return replace(wanted, numeric=(*week, _time(log), *wanted.numeric))
+
+
+def _time(log: LogTable) -> str:
+    """Return the name under which a table has its times."""
+    return log.columns.time_names[-1]
 
 
 def gps_times(
@@ -77,10 +82,9 @@ def gps_times(
     TimeError : most times lie outside any GPS date: wrong unit or origin
     """
     names, scale = log.columns, log.time
-    columns = [name for name in (names.week, names.time, names.nanoseconds) if name != NO_COLUMN]
-    column = "' and '".join(columns)
+    column = "' and '".join(names.of_time)
     if is_exact(scale):
-        t_ns = table.exact[names.time]
+        t_ns = table.exact[_time(log)]
         if scale.origin == "unix_epoch":
             t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
         possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
@@ -98,7 +102,7 @@ def gps_times(
         rows, found = _rows_of_one_log(table, column, t_ns, rows)
         events += found
     t_ns = t_ns if rows is None else t_ns[rows]
-    if names.date != NO_COLUMN or scale.date is not None:
+    if names.date_names or scale.date is not None:
         events += _unwrap_days(t_ns, scale, str(table.path))
     if not has_date:
         events += _unwrap_week(t_ns, str(table.path), week)
@@ -110,7 +114,7 @@ def _of_weeks(table: CsvTable, log: LogTable) -> tuple[Int64, Bool]:
     """Return seconds of the week in ns, with the week where a column has it, and which rows hold possible ones."""
     names = log.columns
     with np.errstate(over="ignore"):  # 1e308 s: infinite, and refused as such
-        ns = table.columns[names.time] * NS_PER_UNIT[log.time.unit]
+        ns = table.columns[_time(log)] * NS_PER_UNIT[log.time.unit]
     possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
     if names.week != NO_COLUMN:
         weeks = table.columns[names.week]
