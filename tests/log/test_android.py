@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,34 @@ def test_bias_that_dates_nothing_is_told_as_what_it_is(tmp_path: Path, full: str
     log = read(tmp_path, bad, epoch(T + 10**9, [GPS_5], count=1))
     assert len(log.gnss.t_ns) == 1 and [e.kind for e in log.events] == ["android_not_used"]
     assert log.events[0].detail.partition(": ")[2].startswith(why) and ";" not in log.events[0].detail
+
+
+def rewritten(text: str, name: str, form: Callable[[int], str]) -> str:
+    """Return an epoch's lines with the integers of one column in another form."""
+    place = COLUMNS.split(",").index(name) + 1
+    lines = [line.split(",") for line in text.splitlines()]
+    return "".join(
+        ",".join([*cells[:place], form(int(cells[place])), *cells[place + 1 :]]) + "\n" for cells in lines
+    )
+
+
+@pytest.mark.parametrize("form", ["{}.0", "{}.000", "{:.14e}", "{:.15g}"])
+def test_integers_that_a_table_wrote_as_floats_are_exact(tmp_path: Path, form: str) -> None:
+    sats = [GPS_5, dataclasses.replace(GPS_5, svid=7, travel_ns=70_123_450)]
+    text, wanted = epoch(T, sats), rows(read(tmp_path, epoch(T, sats)).gnss)
+    for name in ("ReceivedSvTimeNanos", "State", "Svid", "ConstellationType"):
+        text = rewritten(text, name, lambda value: form.format(value))
+    log = read(tmp_path, text)
+    assert rows(log.gnss) == wanted and not log.events
+
+
+def test_time_of_transmission_without_its_last_digits_keeps_the_rate_and_is_told(tmp_path: Path) -> None:
+    text = rewritten(epoch(T, [GPS_5]), "ReceivedSvTimeNanos", lambda value: f"{value:.5e}")
+    log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, svid=7)]) + text)
+    assert (
+        np.isnan(log.gnss.pseudorange_m).tolist() == [False, True] and np.isfinite(log.gnss.doppler_hz).all()
+    )
+    assert "1 pseudorange(s) left out whose ReceivedSvTimeNanos" in log.events[0].detail
 
 
 @pytest.mark.parametrize(

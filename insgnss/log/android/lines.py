@@ -12,6 +12,7 @@ import io
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +32,8 @@ RAW_TABLE: Final = re.compile(
 )
 _KIND: Final = re.compile(r"[A-Za-z]\w*")
 _INTEGER: Final = r"^-?\d{1,18}$|^-?[1-8]\d{18}$"
+_WHOLE: Final = r"^(-?\d{1,18})\.0*$"  # as a table writes integers beside empty cells
+_SCIENTIFIC: Final = r"^-?\d\.?\d*[eE]\+?\d{1,2}$"
 _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
 
 
@@ -118,11 +121,26 @@ class AndroidCells:
         key = (name, pattern)
         if key not in self._parsed:
             trimmed = pc.utf8_trim_whitespace(column)
+            if pattern == _INTEGER:
+                trimmed = _written_out(trimmed)
             readable = pc.fill_null(pc.match_substring_regex(trimmed, pattern), False)
             chosen = pc.if_else(readable, trimmed, pa.scalar(str(missing), pa.string()))
             self._parsed[key] = (pc.cast(chosen, kind).to_numpy(), readable.to_numpy(zero_copy_only=False))
         values, present = self._parsed[key]
         return values, present.copy()  # the caller narrows it down
+
+
+def _written_out(cells: Any) -> Any:
+    """Return cells such as 123.0 and 1.2345E+4 as 123 and 12345.
+
+    A column in scientific notation whose numbers all end before the unit, as 1.23E+14, has lost digits and stays.
+    """
+    scientific = pc.fill_null(pc.match_substring_regex(cells, _SCIENTIFIC), False)
+    numbers = [Decimal(text) for text in cells.filter(scientific).to_pylist()]
+    if any(number.adjusted() < len(number.as_tuple().digits) for number in numbers):
+        texts = pa.array([f"{number:f}" for number in numbers], cells.type)
+        cells = pc.replace_with_mask(cells, scientific, texts)
+    return pc.replace_substring_regex(cells, _WHOLE, r"\1")
 
 
 def cells(lines: AndroidLines) -> AndroidCells:

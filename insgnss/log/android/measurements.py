@@ -61,6 +61,7 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
     plausible = (travel_ns > SHORTEST_NS) & (travel_ns < LONGEST_NS)
     kept = clock.known & identified
     rounded, positive = _wrong_biases(raw)
+    sent_rounded = _rounded(raw, "ReceivedSvTimeNanos")
     events = clock.events + _told(
         "android_not_used",
         (
@@ -83,8 +84,13 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
         "android_range_not_used",
         ("signal(s) that the phone was searching for: C/N0 alone kept", kept & ~measured),
         (
+            "pseudorange(s) left out whose ReceivedSvTimeNanos is not written as a whole number: in 3.45e+14 the last"
+            " digits are missing; their range rates kept",
+            kept & measured & sent_rounded,
+        ),
+        (
             "pseudorange(s) whose time of transmission is ambiguous left out, their range rates kept",
-            kept & measured & ~known,
+            kept & measured & ~known & ~sent_rounded,
         ),
         (
             "pseudorange(s) with an impossible travel time left out, their range rates kept",
@@ -105,10 +111,13 @@ def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
 
 def _wrong_biases(raw: AndroidCells) -> tuple[Bool, Bool]:
     """Return the lines whose time or bias has lost its last digits, and other lines with a bias of the wrong sign."""
-    rounded = np.zeros(raw.n, np.bool_)
-    for name in ("TimeNanos", "FullBiasNanos"):
-        rounded |= np.isfinite(raw.decimals(name)) & ~raw.integers(name)[1]
+    rounded = _rounded(raw, "TimeNanos") | _rounded(raw, "FullBiasNanos")
     return rounded, (raw.integers("FullBiasNanos")[0] > 0) & ~rounded
+
+
+def _rounded(raw: AndroidCells, name: str) -> Bool:
+    """Return the lines whose number in a column of integers is not written to its last digit."""
+    return np.asarray(np.isfinite(raw.decimals(name)) & ~raw.integers(name)[1], np.bool_)
 
 
 def _measured(raw: AndroidCells) -> Bool:
