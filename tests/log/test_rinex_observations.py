@@ -143,6 +143,15 @@ def test_rinex_2_codes_become_those_of_rinex_3_and_share_their_bands_doppler(tmp
     assert found["G05", "C2W"][0] == 22e6 + 5 and np.isnan(found["G05", "C2W"][1])
 
 
+def test_damaged_epoch_under_an_impossible_number_of_codes_ends_in_an_error(tmp_path: Path) -> None:
+    # the number of lines per satellite follows from it: what walks over them must end with the file
+    text = RINEX_2.replace("     5    C1", f"     {2**63 - 1}    C1").replace(
+        "22000000.000 ", "2200x000.000 "
+    )
+    with pytest.raises(InputError, match="TYPES OF OBSERV"):
+        read_rinex_obs([write(tmp_path, text)])
+
+
 SATELLITES_2 = "G05G07R01R02R03E11E12S20G08G09G10G11G12 13"  # a blank system is the file's own: here GPS
 RINEX_2_MANY = """\
      2.11           OBSERVATION DATA    M (MIXED)           RINEX VERSION / TYPE

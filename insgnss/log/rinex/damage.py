@@ -116,18 +116,18 @@ def _stretches_3(lines: list[str]) -> Iterator[_CellLine]:
 def _stretches_2(lines: list[str], header: str) -> Iterator[_CellLine]:
     """Yield the lines of each satellite, RINEX 2; its epoch names all satellites before the first number."""
     types, count = _TYPES_2.search(header), lines[0][29:32].strip()
-    if types is None or not count.isdigit():
+    if types is None or not count.isdigit() or int(types[1]) == 0:
         return
     n_names, n_cells = int(count), int(types[1])
     per_satellite = -(-n_cells // _CELLS_PER_LINE_2)
     n_first = -(-n_names // _NAMES_PER_LINE_2)
     names = "".join(line[_NAMES_2 : _NAMES_2 + 3 * _NAMES_PER_LINE_2] for line in lines[:n_first])
     own_system = header[40:41].strip().replace("M", "") or "G"
-    for i in range(n_names):
-        for k in range(per_satellite):
-            line, name = n_first + i * per_satellite + k, names[3 * i : 3 * i + 3]
-            if line < len(lines) and _NAME.fullmatch(name):
-                yield _CellLine(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
+    for line in range(n_first, min(n_first + n_names * per_satellite, len(lines))):
+        i, k = divmod(line - n_first, per_satellite)
+        name = names[3 * i : 3 * i + 3]
+        if _NAME.fullmatch(name):
+            yield _CellLine(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
 
 
 def _full_name(name: str, own_system: str) -> str:
