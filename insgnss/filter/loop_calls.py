@@ -21,7 +21,7 @@ from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import Bank, copy_state, new_bank
 from insgnss.filter.update.adaptation import adapt_noise, raise_level
 from insgnss.filter.update.clone import clone_epoch
-from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, turn_force_errors
 from insgnss.filter.update.consistency import (
     few_are_wrong,
     leave_contradicted,
@@ -88,6 +88,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         mixture_covariance: (bank, P),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], ANY_N),
         turn_attitude_errors: (m, P, par, values, s.antenna[0]),
+        turn_force_errors: (m, P, par, values),
         follow_motion: (m, P, par),
         place_motion: (m, P, par, s.antenna[0]),
         **_judging(bank, par, rows, work.epoch),

@@ -36,7 +36,7 @@ from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
-from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, turn_force_errors
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
 from insgnss.filter.update.observe import place_antenna
@@ -244,6 +244,7 @@ def _updated(
     if correction.any():
         if par.motion_gate2 > 0.0:
             turn_attitude_errors(m, P, par, correction, member.antenna)
+            turn_force_errors(m, P, par, correction)
         _feed_back(m, correction, int(par.at_clone))
     return OwnUpdate(entries, correction)
 

@@ -69,6 +69,15 @@ def whole_errors(m: StateRecord, par: Parameters, accel: Float64, gyro: Float64)
 
 
 @kernel(inline=True)
+def add_further_errors(m: StateRecord, par: Parameters, x: Float64, sign: float) -> None:
+    """Add ``sign`` times the accelerometers' further errors in an error state ``x`` (n,) to their biases in it."""
+    for k in range(par.n_couplings):
+        if par.coupling_into[k] == DV:
+            factor = sign * factor_of(par.coupling_times[k], m.f_last, m.w_last)
+            x[bias_row(par, k)] += factor * x[par.coupling_at[k]]
+
+
+@kernel(inline=True)
 def biases_to_whole_errors(m: StateRecord, par: Parameters, P: Float64) -> None:
     """Turn the biases in ``P`` (n, n) into the whole errors: P <- T P T^T with de = db + sum m_k dx_k."""
     n = P.shape[0]

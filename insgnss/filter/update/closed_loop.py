@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState
+from insgnss.filter.sensor_errors import add_further_errors
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.filter.update.lever_swing import keep_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.geodesy.vectors import Vector, rotate, rotate_back
+from insgnss.geodesy.vectors import Vector, cross, dot, rotate, rotate_back
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -124,6 +125,55 @@ def turn_attitude_errors(
     for i in range(n):
         for j in range(i):
             P[i, j] = P[j, i]
+
+
+@kernel(apart=True)
+def turn_force_errors(m: StateRecord, P: Float64, par: Parameters, correction: Float64) -> None:
+    """Keep the accelerometers' errors where they are in space while the tilt that belongs to them is corrected.
+
+    An error of an accelerometer and the tilt that it has caused go together: the measurements show their difference
+    alone. What corrects the one corrects the other, with the tilt the body's axes turn, and an error that stayed in
+    them would get a share of the vertical, which is measured. So each such step would seem to show a little of the
+    error. A tilt that the gyros' errors have made, and that is corrected, turns the axes back to where they were.
+
+    Equation: e = b_a + the further errors of force, C_eb e = const while C_eb <- exp([t x]) C_eb, t = u x C_eb de / g:
+              e' = exp(-[s x]) e in covariance and correction, s = C_eb^T t, u the vertical
+
+    Parameters
+    ----------
+    m : state before the correction
+    correction : (n,); its accelerometer biases are turned, too
+    """
+    add_further_errors(m, par, correction, 1.0)
+    up = rotate_back(m.C_eb, up_direction(m.r_e))
+    s = cross(up, (correction[BA], correction[BA + 1], correction[BA + 2]))
+    length = math.sqrt(dot(s, s))
+    angle = length / STANDARD_GRAVITY_MPS2
+    add_further_errors(m, par, correction, -1.0)
+    if not angle >= _NO_TURN:
+        return
+    axis = s[0] / length, s[1] / length, s[2] / length
+    turn = axis, -math.sin(angle), 1.0 - math.cos(angle)
+    n = P.shape[0]
+    turn_force_column(m, par, turn, correction)
+    for j in range(n):
+        turn_force_column(m, par, turn, P[:, j])
+    for i in range(n):
+        turn_force_column(m, par, turn, P[i])
+    for i in range(n):
+        for j in range(i):
+            P[i, j] = P[j, i]
+
+
+@kernel(inline=True)
+def turn_force_column(
+    m: StateRecord, par: Parameters, turn: tuple[tuple[float, float, float], float, float], x: Float64
+) -> None:
+    """Turn the accelerometers' whole errors in an error state ``x`` (n,); ``turn``: axis, sine, 1 - cosine."""
+    axis, sine, rest = turn
+    add_further_errors(m, par, x, 1.0)
+    x[BA], x[BA + 1], x[BA + 2] = turned(axis, sine, rest, x[BA], x[BA + 1], x[BA + 2])
+    add_further_errors(m, par, x, -1.0)
 
 
 @kernel(inline=True)

@@ -25,7 +25,7 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
-from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, turn_force_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import hold_contradicted
 from insgnss.filter.update.epoch_space import FilterWorkspace
@@ -113,6 +113,7 @@ def update_epoch(
         follow_explained(m, scratch.A, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, par, correction, s.antenna[0])
+        turn_force_errors(m, P, par, correction)
     follow_slow_errors(bank, member, par, rows, epoch, since_last, s)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
