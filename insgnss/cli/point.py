@@ -13,7 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
-from insgnss.cli.progress import telling
+from insgnss.cli.progress import compiling, telling
 from insgnss.cli.table_form import table_form
 from insgnss.results.saving import check_replaceable, overwriting
 
@@ -110,7 +110,7 @@ def _print_summary(console: Console, name: str, run: PointRun) -> None:
     )
     rate = len(table) / max(took["solve_s"], 1e-9)
     console.print(
-        f"reading {took['read_s']:.2f} s, solving {took['solve_s']:.2f} s ({rate:.0f} epochs/s)",
+        f"{compiling(took)}reading {took['read_s']:.2f} s, solving {took['solve_s']:.2f} s ({rate:.0f} epochs/s)",
         highlight=False,
     )
 

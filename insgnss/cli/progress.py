@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -34,3 +34,8 @@ def counting() -> Iterator[Progress]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         yield bar
+
+
+def compiling(took: Mapping[str, float]) -> str:
+    """Return the beginning of a line of times: how long a first command waited for the compiler, else nothing."""
+    return f"compiling {took['compile_s']:.2f} s, " if "compile_s" in took else ""

@@ -19,7 +19,7 @@ from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
-from insgnss.cli.progress import telling
+from insgnss.cli.progress import compiling, telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
@@ -146,7 +146,8 @@ def _print_summary(flight: Flight, run: Run) -> None:
     _print_aiding(console, run)
     _print_supervision(console, run)
     console.print(
-        f"reading {took['read_s']:.2f} s, filter {took['filter_s']:.2f} s, tables {took['tables_s']:.2f} s",
+        f"{compiling(took)}reading {took['read_s']:.2f} s, filter {took['filter_s']:.2f} s,"
+        f" tables {took['tables_s']:.2f} s",
         highlight=False,
     )
 

@@ -7,8 +7,10 @@ other, a start far off), is compiled where it is first called.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Final
 
 from insgnss.kernels.compiled_ahead import compiled_ahead, is_complete
@@ -18,8 +20,20 @@ _LIST: Final = "insgnss.runs.kernel_list"
 _ABOUT: Final = "compiling once per installation (half a minute to a minute)"
 
 
+@dataclass
+class Compilation:
+    """What compiling has cost a command."""
+
+    waited_s: float = 0.0  # after its own work was done
+
+    @property
+    def took(self) -> dict[str, float]:
+        """The entry for the times of a run; none where nothing was waited for."""
+        return {"compile_s": self.waited_s} if self.waited_s else {}
+
+
 @contextmanager
-def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]:
+def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[Compilation]:
     """Compile the kernels in parallel with the block, and finish them at its end.
 
     Parameters
@@ -27,10 +41,13 @@ def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]
     tell : called with a message when the command has to wait
     """
     with compiled_ahead(_LIST) as beside:
-        yield
+        compilation = Compilation()
+        yield compilation
         if not is_complete():
             tell(_ABOUT)
+            began = time.perf_counter()
             beside.wait()
+            compilation.waited_s = time.perf_counter() - began
 
 
 def main() -> None:

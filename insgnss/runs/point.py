@@ -164,7 +164,7 @@ def point(
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     tell("reading the logs")
-    with compiled(tell):
+    with compiled(tell) as compilation:
         logs = read_logs(flight)
     tell("computing the satellites")
     # the carrier has no part in it
@@ -190,7 +190,11 @@ def point(
             "missed_detection": missed_detection,
             "input_sha256": logs.input_hashes,
             "version": __version__,
-            "took": {"read_s": read - began, "solve_s": solved - read},
+            "took": {
+                **compilation.took,
+                "read_s": read - began - compilation.waited_s,
+                "solve_s": solved - read,
+            },
         },
     )
 

@@ -31,7 +31,7 @@ from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.kernels.compiled_ahead import is_complete
 from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
-from insgnss.runs.first_run import compiled
+from insgnss.runs.first_run import Compilation, compiled
 from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
@@ -177,7 +177,9 @@ def replay(
     for name, table in supervised.items():
         setattr(run, name, table)
     run.annotate()
-    took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - settled}
+    read_s = read - began - record.compilation.waited_s
+    took = {**record.compilation.took, "read_s": read_s, "filter_s": filtered - read}
+    took["tables_s"] = time.perf_counter() - settled
     took |= {} if aided is None else {"aiding_s": given - filtered}
     took |= {"supervision_s": settled - given} if supervise else {}
     run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
@@ -227,6 +229,7 @@ class _RunRecord(NamedTuple):
     supervised: SupervisionSources | None
     further: Record | None  # adds several antennas to the ledger
     imu: tuple[pd.DataFrame, pd.DataFrame]  # extremes over time, spectrum
+    compilation: Compilation
 
 
 def _prepared(
@@ -239,7 +242,7 @@ def _prepared(
 ) -> tuple[FilterSetup, tuple[ImuTable, list[GnssRows]], _RunRecord]:
     """Return the filter's setup, its inputs, and the tables' inputs; nothing else of the logs is kept."""
     tell("reading the logs")
-    with compiled(tell), ThreadPoolExecutor(1) as beside:
+    with compiled(tell) as compilation, ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)
         if is_complete():
             fetch_loop()  # from the cache, while the logs are parsed
@@ -264,7 +267,7 @@ def _prepared(
     keys = row_keys(logs.gnss, blocks)
     imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
     record = _RunRecord(
-        keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu
+        keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu, compilation
     )
     return setup, (logs.imu, blocks), record
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import insgnss
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.headings.heading_bank import turned_axes
 from insgnss.filter.headings.motion import unknown_force
@@ -14,6 +15,9 @@ from insgnss.filter.state import BA, BG, DR, DV, OFFSETS, PSI, new_bank
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix, matrix_to_quaternion
+from tests.benchmarks.trust.flying import drawn
+from tests.benchmarks.trust.motions import scenario, straight
+from tests.benchmarks.trust.rows import Row
 from tests.filter.scene import parameters
 
 GRAVITY_E = np.array([-4.1, 3.2, -8.3])
@@ -112,3 +116,14 @@ def test_heading_corrected_alone_leaves_what_the_gyros_show(psi: tuple[float, fl
     close_loop(m, correction, OFFSETS)
 
     np.testing.assert_allclose(m.b_g + m.C_eb.T @ rate, shown, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_rest_shows_nothing_of_the_tilt_that_an_accelerometer_bias_has_made(seed: int) -> None:
+    """Tilt and bias are one to a vehicle at rest. Narrow headings and carriers make the most of an inconsistency."""
+    text = scenario("rest", straight(312.0), grade="mems_consumer", rate_hz=25.0, carrier=True)
+    _, _, flown = drawn(Row("rest", "rest", text, (), "mems_consumer"), seed)
+    nav = insgnss.replay(flown, settings={"heading.hypotheses": 24}).nav
+    for name in ("sd_roll_deg", "sd_pitch_deg", "sd_accel_bias_x_mps2", "sd_accel_bias_y_mps2"):
+        began, ended = nav[name].iloc[10], nav[name].iloc[300]
+        assert ended > 0.92 * began, (name, began, ended)

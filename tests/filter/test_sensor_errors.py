@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from insgnss.config.filter import SensorError
 from insgnss.config.flight import ImuGrade
@@ -28,6 +29,8 @@ from insgnss.filter.sensor_errors import (
 from insgnss.filter.start.start import LEVEL_FLOOR_RAD, StartAttitude, open_bank
 from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.wanted import StateInputs
+from insgnss.filter.update.closed_loop import turn_force_errors
+from insgnss.geodesy.local_level import up_direction
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR, sensor_model
 from tests.filter.scene import START_NS, parameters, place
 from tests.filter.test_start_covariance import T_NS, kinematics
@@ -119,6 +122,37 @@ def test_whole_errors_are_the_sums_of_their_parts(rng: np.random.Generator) -> N
     np.testing.assert_allclose(rows[:, PSI : PSI + 3], expected[BA : BA + 3, PSI : PSI + 3], rtol=1e-9)
     assert variance == pytest.approx(np.trace(expected[BG : BG + 3, BG : BG + 3]) / 3.0)
     assert BIAS_OF == {DV: BA, PSI: BG}
+
+
+def test_accelerometer_errors_stay_in_space_while_the_tilt_that_belongs_to_them_is_corrected(
+    rng: np.random.Generator,
+) -> None:
+    layout = full_layout()
+    bank, M = drawn(layout, rng)
+    m, P, par = bank.state[0], bank.P[0], numbers(layout)
+    m.r_e[:] = place().r_e
+    m.C_eb[:] = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    correction = 0.1 * rng.normal(size=len(P))
+    up, of_force = np.array(up_direction(m.r_e)), np.array([0, 1, 2]) + BA
+    tilt = np.cross(up, m.C_eb @ M[:3] @ correction) / STANDARD_GRAVITY_MPS2
+    whole = np.eye(len(P))
+    whole[of_force] = M[:3]
+    turned = np.eye(len(P))
+    turned[np.ix_(of_force, of_force)] = m.C_eb.T @ Rotation.from_rotvec(-tilt).as_matrix() @ m.C_eb
+    T = np.linalg.inv(whole) @ turned @ whole
+    expected, expected_correction, before = (
+        T @ P @ T.T,
+        T @ correction,
+        m.C_eb @ M[:3] @ P @ M[:3].T @ m.C_eb.T,
+    )
+
+    turn_force_errors(m, P, par, correction)
+
+    np.testing.assert_allclose(P, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(correction, expected_correction, rtol=1e-9, atol=1e-12)
+    assert (P.T == P).all()
+    C_eb = Rotation.from_rotvec(tilt).as_matrix() @ m.C_eb
+    np.testing.assert_allclose(C_eb @ M[:3] @ P @ M[:3].T @ C_eb.T, before, rtol=1e-9, atol=1e-9)
 
 
 def opened(grade: ImuGrade | None = None, **changes: Any) -> tuple[Bank, Layout]:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numba
 import pytest
 
+from insgnss.cli.progress import compiling
 from insgnss.config.library import filter_config
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.kernels.compiled_ahead import compile_for
 from insgnss.log.flight import Flight
-from insgnss.runs import kernel_list
+from insgnss.runs import first_run, kernel_list
 from insgnss.runs.check import examine
 from insgnss.runs.point import point
 from insgnss.runs.replay import replay
@@ -82,3 +85,22 @@ def test_listed_kernels_have_the_types_that_the_commands_need() -> None:
 
     assert len(known) > 20
     assert {kernel: list(kernel.signatures) for kernel in known} == known
+
+
+@pytest.mark.parametrize("complete", [False, True])
+def test_wait_for_the_compiler_is_a_time_of_its_own(monkeypatch: pytest.MonkeyPatch, complete: bool) -> None:
+    class Beside:
+        def wait(self) -> None:
+            time.sleep(0.05)
+
+    @contextmanager
+    def ahead(module: str) -> Iterator[Beside]:
+        yield Beside()
+
+    monkeypatch.setattr(first_run, "compiled_ahead", ahead)
+    monkeypatch.setattr(first_run, "is_complete", lambda: complete)
+    told: list[str] = []
+    with first_run.compiled(told.append) as compilation:
+        pass
+    assert bool(told) != complete and (compilation.waited_s >= 0.05) != complete
+    assert compiling({**compilation.took, "read_s": 0.5}).startswith("compiling 0.0") != complete
