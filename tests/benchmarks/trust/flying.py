@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import tempfile
 import tomllib
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +40,6 @@ class Prepared:
     """A row's scenario with its truth computed: what all its seeds share."""
 
     simulator: Simulator
-    silent: Simulator  # the same with sensors without white noise: their systematic errors
     reference: ReferenceTable
     antennas: tuple[MountedAntenna, ...]
     slow_errors: SlowErrorSizes  # that the simulation makes
@@ -64,12 +62,6 @@ class Flown:
         """Seconds of the week of the simulation's start."""
         return (self.case.start_ns - WEEK * 604_800 * NS_PER_S) / NS_PER_S
 
-    @cached_property
-    def sensors(self) -> tuple[Float64, Float64]:
-        """Rates and forces of the same sensors without white noise, at the simulator's samples."""
-        gyro, accel = self.ready.silent._sensors(np.random.default_rng(self.seed))
-        return gyro.value, accel.value
-
     def since(self, time_s: Float64) -> Float64:
         """Return times of the week as seconds after the row's origin."""
         return np.asarray(time_s, dtype=np.float64) - self.start_s - self.origin_s
@@ -80,12 +72,9 @@ def prepared(text: str, grade: str, rate: tuple[float | None, ...]) -> Prepared:
     """Return a scenario with its truth, which rows of the same one share; ``rate`` is (IMU, GNSS, duration)."""
     made, antennas, slow_errors = _scenario(text, grade, rate)
     simulator = Simulator(made)
-    silent = copy.copy(simulator)
-    quiet = {"gyro_arw_deg_per_sqrt_h": 0.0, "accel_vrw_mps_per_sqrt_h": 0.0}
-    silent.scenario = replace(made, grade=made.grade.model_copy(update=quiet))
     t_s = np.arange(int(made.duration_s * _REFERENCE_RATE_HZ + 1e-9) + 1) / _REFERENCE_RATE_HZ
     reference = reference_table(made.trajectory.motion(t_s), made.start_ns)
-    return Prepared(simulator, silent, reference, antennas, slow_errors)
+    return Prepared(simulator, reference, antennas, slow_errors)
 
 
 def _scenario(

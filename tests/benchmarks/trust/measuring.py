@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from insgnss.constants import NS_PER_S
 from insgnss.tables import Float64
 from tests.benchmarks.trust.flying import Flown
 from tests.benchmarks.trust.rows import BLOCKS, MOTION, SIGMAS, VICTIM, Measure
@@ -30,7 +31,6 @@ KNOWN_BELOW_DEG: Final = 5.0
 _FOUND_AFTER_S: Final = 60.0
 _WHOLE: Final = (0.0, np.inf)
 _NEXT_ROW_S: Final = 1.5  # a look must be that near to a row
-_BIAS_OVER_S: Final = 1.0
 
 Record = dict[str, float | str]
 
@@ -85,21 +85,10 @@ def _looked(flown: Flown, errors: pd.DataFrame, time_s: Float64, look: str, at_s
 
 
 def _true_biases(flown: Flown, at_s: float) -> dict[str, Float64]:
-    """Return the whole error of each sensor but for its white noise, as the mean of the second before a time.
-
-    The sensors are drawn once more with the same seed and no white noise: bias, scale factors, misalignments and
-    sensitivity to acceleration are those of the run. A filter with one bias an axis can only mean their sum.
-    """
-    simulator = flown.ready.silent
-    gyro, accel = flown.sensors
-    step_s = 1.0 / simulator.scenario.imu_rate_hz
-    last = min(max(round(at_s / step_s), 1), len(simulator.rate_b))
-    first = max(last - max(round(_BIAS_OVER_S / step_s), 1), 0)
-    part = slice(first, last)
-    return {
-        "accel_bias": np.mean(accel[part] - simulator.force_b[part], axis=0),
-        "gyro_bias": np.mean(gyro[part] - simulator.rate_b[part], axis=0),
-    }
+    """Return the biases of the sensors at the epoch nearest to a time; their other errors are states of their own."""
+    truth = flown.log.at_gnss
+    k = int(np.argmin(np.abs((truth.t_ns - flown.case.start_ns) / NS_PER_S - at_s)))
+    return {"accel_bias": truth.accel_bias[k], "gyro_bias": truth.gyro_bias[k]}
 
 
 def _in_window(errors: pd.DataFrame, z: dict[str, Float64], inside: np.ndarray, window: str) -> Record:

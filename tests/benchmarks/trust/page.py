@@ -97,8 +97,8 @@ Mean over runs and axes of the squared error over sigma, at one instant of each 
 for that many independent runs ({100 * CONFIDENCE:g} %), with the axes taken as fully correlated. Values outside are
 bold. The filter assumes that pseudorange errors last 2.5 s; the simulated errors are white. The lower bound of position
 is therefore divided by 2.5, that of velocity by 1.25. Where the stated sigma of yaw exceeds 60 deg only the upper bound
-counts, because an error on a circle cannot exceed 180 deg. Biases are compared with the sensor's whole error except for
-its white noise."""
+counts, because an error on a circle cannot exceed 180 deg. Biases are compared with the
+simulated ones alone: scale factors, misalignments and the gyros' g-sensitivity are states of their own."""
 
 
 def _summary(campaign: Campaign) -> str:
