@@ -39,6 +39,7 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.states.wanted import SlowSizes
 from insgnss.filter.update.adaptation import adapt_noise, raise_level
+from insgnss.filter.update.closed_loop import turn_force_errors
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.integrity import follow_explained
@@ -261,6 +262,19 @@ def errors_of_the_sensors() -> list[Any]:
     return short_log(False, False, motion_sigma=3.0, further=(ACCEL_SCALE, GYRO_OVER_FORCE), traced=True)
 
 
+def corrected_tilt() -> list[Any]:
+    """Return covariance and correction after a tilt of a degree was found to be an accelerometer's error."""
+    layout = layout_with(n_offsets=1)
+    layout = replace(layout, blocks=(*layout.blocks, ACCEL_SCALE))
+    made, par = bank(layout), parameters(layout)
+    m, n = made.state[0], made.P.shape[1]
+    m.f_last[:] = 0.4, -0.2, -9.8
+    root = np.sqrt(made.P[0]) @ (np.eye(n) + 0.1 * np.cos(np.arange(n * n)).reshape(n, n))
+    P, correction = root @ root.T, 0.1 * np.sin(np.arange(n))
+    turn_force_errors(m, P, par[0], correction)
+    return [P, correction]
+
+
 def lost_log() -> list[Any]:
     """Return what the loop writes of a bank of which one hypothesis, then both, hold a number that is none."""
     layout = layout_with(n_offsets=1, clone=True)
@@ -430,6 +444,7 @@ CASES = [
     KernelCase("tests.kernels.filter:crowd", (40.0,), rtol=1e-9, label="all are noisy"),
     KernelCase("tests.kernels.filter:short_log", (False, True), rtol=1e-10, label="with carrier"),
     KernelCase("tests.kernels.filter:errors_of_the_sensors", rtol=1e-8),
+    KernelCase("tests.kernels.filter:corrected_tilt", rtol=1e-11),
     KernelCase("tests.kernels.filter:lost_log", (), rtol=1e-10),
     KernelCase("tests.kernels.filter:short_log", (False, False, True), rtol=1e-10, label="with masking"),
     # what counts of a force hardly above its noise is a small difference: 1 - k^2 sigma^2 / |f|^2
