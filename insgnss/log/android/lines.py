@@ -121,9 +121,10 @@ class AndroidCells:
         key = (name, pattern)
         if key not in self._parsed:
             trimmed = pc.utf8_trim_whitespace(column)
-            if pattern == _INTEGER:
-                trimmed = _written_out(trimmed)
             readable = pc.fill_null(pc.match_substring_regex(trimmed, pattern), False)
+            if pattern == _INTEGER and not pc.all(readable).as_py():
+                trimmed = _written_out(trimmed)
+                readable = pc.fill_null(pc.match_substring_regex(trimmed, pattern), False)
             chosen = pc.if_else(readable, trimmed, pa.scalar(str(missing), pa.string()))
             self._parsed[key] = (pc.cast(chosen, kind).to_numpy(), readable.to_numpy(zero_copy_only=False))
         values, present = self._parsed[key]
