@@ -69,10 +69,13 @@ def whole_errors(m: StateRecord, par: Parameters, accel: Float64, gyro: Float64)
 
 
 @kernel(inline=True)
-def add_further_errors(m: StateRecord, par: Parameters, x: Float64, sign: float) -> None:
-    """Add ``sign`` times the accelerometers' further errors in an error state ``x`` (n,) to their biases in it."""
+def add_further_errors(m: StateRecord, par: Parameters, into: int, x: Float64, sign: float) -> None:
+    """Add ``sign`` times a sensor's further errors in an error state ``x`` (n,) to its biases in it.
+
+    ``into`` is where the sensor enters: DV or PSI.
+    """
     for k in range(par.n_couplings):
-        if par.coupling_into[k] == DV:
+        if par.coupling_into[k] == into:
             factor = sign * factor_of(par.coupling_times[k], m.f_last, m.w_last)
             x[bias_row(par, k)] += factor * x[par.coupling_at[k]]
 
@@ -81,16 +84,12 @@ def add_further_errors(m: StateRecord, par: Parameters, x: Float64, sign: float)
 def biases_to_whole_errors(m: StateRecord, par: Parameters, P: Float64) -> None:
     """Turn the biases in ``P`` (n, n) into the whole errors: P <- T P T^T with de = db + sum m_k dx_k."""
     n = P.shape[0]
-    for k in range(par.n_couplings):
-        at, bias = par.coupling_at[k], bias_row(par, k)
-        factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
-        for c in range(n):
-            P[bias, c] += factor * P[at, c]
-    for k in range(par.n_couplings):
-        at, bias = par.coupling_at[k], bias_row(par, k)
-        factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
-        for c in range(n):
-            P[c, bias] += factor * P[c, at]
+    for c in range(n):
+        add_further_errors(m, par, DV, P[:, c], 1.0)
+        add_further_errors(m, par, PSI, P[:, c], 1.0)
+    for i in range(n):
+        add_further_errors(m, par, DV, P[i], 1.0)
+        add_further_errors(m, par, PSI, P[i], 1.0)
 
 
 @kernel(inline=True)

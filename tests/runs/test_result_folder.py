@@ -1,4 +1,4 @@
-"""An incomplete run is refused, and nobody loses a file who follows the advice."""
+"""An incomplete run is refused, and following the advice overwrites no file of the user."""
 
 from __future__ import annotations
 

@@ -144,12 +144,12 @@ def turn_force_errors(m: StateRecord, P: Float64, par: Parameters, correction: F
     m : state before the correction
     correction : (n,); its accelerometer biases are turned, too
     """
-    add_further_errors(m, par, correction, 1.0)
+    add_further_errors(m, par, DV, correction, 1.0)
     up = rotate_back(m.C_eb, up_direction(m.r_e))
     s = cross(up, (correction[BA], correction[BA + 1], correction[BA + 2]))
     length = math.sqrt(dot(s, s))
     angle = length / STANDARD_GRAVITY_MPS2
-    add_further_errors(m, par, correction, -1.0)
+    add_further_errors(m, par, DV, correction, -1.0)
     if not angle >= _NO_TURN:
         return
     axis = s[0] / length, s[1] / length, s[2] / length
@@ -171,9 +171,9 @@ def turn_force_column(
 ) -> None:
     """Turn the accelerometers' whole errors in an error state ``x`` (n,); ``turn``: axis, sine, 1 - cosine."""
     axis, sine, rest = turn
-    add_further_errors(m, par, x, 1.0)
+    add_further_errors(m, par, DV, x, 1.0)
     x[BA], x[BA + 1], x[BA + 2] = turned(axis, sine, rest, x[BA], x[BA + 1], x[BA + 2])
-    add_further_errors(m, par, x, -1.0)
+    add_further_errors(m, par, DV, x, -1.0)
 
 
 @kernel(inline=True)
