@@ -24,6 +24,7 @@ from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.carrying import doubt_filter
 from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
 from insgnss.filter.own_rows.contradiction import contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
@@ -108,6 +109,7 @@ def use_own_rows(
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
     watch(bank.head[0], kinds, updates[lead].entries, t_ns)
+    doubt_filter(bank, kinds, [update.entries for update in updates.values()], t_ns)
     return updates[lead]
 
 

@@ -317,9 +317,10 @@ def carry(
     rates, t_ns, unknown = scratch.rates[0], imu.t_ns, imu.unknown
     while now_ns < stop_ns:
         load_rates(m, par, imu.w_ib_b, imu.f_b, t_ns, k, rates)
-        gyro_unknown, accel_unknown = 0.0, 0.0
+        gyro_unknown, accel_unknown = m.noise_excess * par.gyro_density, m.noise_excess * par.accel_density
         if k < unknown.shape[0]:
-            gyro_unknown, accel_unknown = unknown[k, 0], unknown[k, 1]
+            gyro_unknown += unknown[k, 0]
+            accel_unknown += unknown[k, 1]
         end_ns = min(t_ns[k], stop_ns)
         dt = (end_ns - now_ns) * 1e-9
         pieces = 1 if dt <= LONGEST_STEP_S else math.ceil(dt / LONGEST_STEP_S)

@@ -35,7 +35,9 @@ N_PATTERNS: Final = 4
 N_OF_SATELLITE: Final = 2  # slow errors of each satellite: of its message, and of its reflection
 MAX_SLOW: Final = N_PATTERNS + N_OF_SATELLITE * MAX_RANGE_BIASES  # each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
-MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
+MAX_WATCHED: Final = (
+    8  # kinds of own rows that are watched for contradictions, and as many that carry the filter
+)
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
@@ -94,6 +96,7 @@ class StateRecord(Record):
     f_mean: Annotated[Float64, 3]  # and its slow mean, body [m/s^2]; zero: there is none yet
     sum_dv: Annotated[Float64, 3]  # velocity increment of the specific force, ECEF [m/s]
     sum_C: Annotated[Float64, 3, 3]  # integral of C_eb [s]
+    noise_excess: float  # of the samples' white noise beyond that of their grade, as a share of its variance
     sum_gyro_q: float  # attitude variance to add [rad^2]
     sum_accel_q: float  # velocity variance to add [m^2/s^2]
     sum_coupling: Annotated[Float64, MAX_COUPLINGS, 3]  # integrals of C_eb e_i m_k, see ``Coupling``
@@ -156,6 +159,11 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
+    # of own rows that carry the filter (``own_rows.carrying``)
+    carried_ns: Annotated[Int64, MAX_WATCHED]  # when they last came; 0: never
+    doubted_by: Annotated[Int64, MAX_WATCHED]  # 1 from one that is far off to the next that is used
+    inertial_noise: Annotated[Float64, MAX_WATCHED]  # logarithm of the inertial noise over that of the grade
+    noise_told: Annotated[Int64, MAX_WATCHED]  # 1 while an event says that it is high
     # each slow error's satellite, counted from one; 0: none
     biased: Annotated[Int64, MAX_RANGE_BIASES]
     biased_ns: Annotated[Int64, MAX_RANGE_BIASES]  # when it was last in an epoch

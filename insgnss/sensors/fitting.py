@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 from insgnss.config.flight import FlightConfig
@@ -37,6 +38,8 @@ KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
     VelocitySensor: VelocityMeasurement,
 }
 
+_FIXES: Final = (PositionMeasurement, VelocityMeasurement)
+
 
 class SensorFitting(NamedTuple):
     """The equipment fitted besides IMU and GNSS."""
@@ -53,6 +56,8 @@ def fitted(config: FlightConfig, logs: FlightLogs | None) -> SensorFitting:
     logs : None where the logs are still to come, as in the streaming engine
     """
     sensors = further_sensors(config.sensor, logs)
+    if not config.gnss.files:  # fixes carry the filter
+        sensors = [replace(one, carrying=isinstance(one, _FIXES)) for one in sensors]
     states = tuple(block for one in sensors for block in one.states())
     if config.vehicle is None:
         return SensorFitting(states, tuple(sensors))

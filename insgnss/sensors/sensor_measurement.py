@@ -33,6 +33,7 @@ class SensorMeasurement(Generic[Config]):
 
     config: Config
     readings: Readings | LiveReadings
+    carrying: bool = False  # the filter has nothing else to hold it
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused

@@ -1,8 +1,9 @@
-"""Where a filter without raw GNSS data starts: at a given state, or at the first two position fixes.
+"""Where a filter without raw GNSS data starts: at a given state, or at position fixes.
 
-Position: the second fix. Velocity: that of a velocity sensor at its time, else the way between the fixes over their
-time, an acceleration of 1 m/s^2 in its sigma. Roll and pitch: the mean specific force of the last second. Heading:
-open, around the course where there is one; the fixes and other information on heading decide.
+Two fixes at least half a second apart are taken. Position: the second fix. Velocity: that of a velocity sensor at its
+time, else the way between the fixes over their time, an acceleration of 1 m/s^2 in its sigma. Roll and pitch: the mean
+specific force of the last second. Heading: open, around the course where there is one; the fixes and other information
+on heading decide.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from insgnss.sensors.position_fixes import fix_ecef
 from insgnss.tables import Float64, SensorTable
 
 _LEVELLING_NS: Final = NS_PER_S
+_SHORTEST_PAIR_NS: Final = NS_PER_S // 2  # their way is then longer than the fixes' own errors
 _LONGEST_PAIR_NS: Final = 10 * NS_PER_S
 _SAME_TIME_NS: Final = NS_PER_S // 5
 _ACCELERATION_MPS2: Final = 1.0  # of what drives and flies, one sigma
@@ -50,10 +52,14 @@ class StartFromFixes:
         _, table = self.positions
         inside = (table.t_ns > imu.t_ns[0] + _LEVELLING_NS) & (table.t_ns < imu.t_ns[-1])
         good = np.flatnonzero(inside & np.isfinite(table.values).all(axis=1))
-        for first, second in zip(good[:-1].tolist(), good[1:].tolist(), strict=True):
-            if _LEVELLING_NS // 2 <= table.t_ns[second] - table.t_ns[first] <= _LONGEST_PAIR_NS:
-                return self._start(imu, first, second)
-        return None
+        t_ns = table.t_ns[good]
+        earlier = (
+            np.searchsorted(t_ns, t_ns - _SHORTEST_PAIR_NS, side="right") - 1
+        )  # of each fix the last such before
+        pairs = np.flatnonzero((earlier >= 0) & (t_ns - t_ns[earlier] <= _LONGEST_PAIR_NS))
+        if not len(pairs):
+            return None
+        return self._start(imu, int(good[earlier[pairs[0]]]), int(good[pairs[0]]))
 
     def _start(self, imu: ImuSamples, first: int, second: int) -> TimedStart:
         config, table = self.positions

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,9 +25,18 @@ from tests.statistics_bounds import mean_chi_square_bounds
 FIXES = (simulated("position", noise_time_s=0.0, noise_m=(1.0, 1.0, 2.0)), simulated("velocity"))
 
 
-def fixes_alone(base: Simulator, seed: int, start: GivenStart | None = None) -> FlightInMemory:
+# of a receiver with a base station, four times a second
+CLOSE_FIXES = (
+    simulated("position", rate_hz=4.0, noise_time_s=0.0, noise_m=(0.02, 0.02, 0.03)),
+    simulated("velocity", rate_hz=4.0),
+)
+
+
+def fixes_alone(
+    base: Simulator, seed: int, start: GivenStart | None = None, fixes: Sequence[Any] = FIXES
+) -> FlightInMemory:
     """Return a flight whose flight file has no [gnss]."""
-    made = flown(with_sensors(base, FIXES), seed)
+    made = flown(with_sensors(base, fixes), seed)
     data = made.config.model_dump(exclude={"gnss", "start"}) | {"start": start or "automatic"}
     config = FlightConfig.model_validate(data)
     assert not config.gnss.files
@@ -49,6 +60,62 @@ def test_fixes_alone_give_position_velocity_and_attitude(start: str) -> None:
     assert late[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 4.0
     assert late["d_yaw_deg"].abs().max() < 3.0
     assert "start" in kinds(run) and "without raw GNSS data" in run.events["detail"].iloc[0]
+
+
+def shaken(made: FlightInMemory, deg_per_s: float, rng: np.random.Generator) -> FlightInMemory:
+    """Return a flight whose gyros have more white noise than their grade, as on a vibrating mount."""
+    imu = made.logs.imu
+    noise = np.radians(deg_per_s) * rng.standard_normal(imu.w_ib_b.shape)
+    return replace(made, logs=replace(made.logs, imu=replace(imu, w_ib_b=imu.w_ib_b + noise)))
+
+
+def test_fixes_of_a_fast_log_start_the_filter() -> None:
+    """Two fixes of a start are half a second apart, however many stand between them."""
+    run = insgnss.replay(fixes_alone(turns(30.0), 1, fixes=CLOSE_FIXES))
+
+    assert run.nav["time_s"].iloc[0] - START_S < 4.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_filter_whose_gyros_are_noisier_than_their_grade_stays_with_its_fixes(
+    seed: int, rng: np.random.Generator
+) -> None:
+    """Refused for good, the fixes would leave it hundreds of metres behind."""
+    run = insgnss.replay(shaken(fixes_alone(turns(120.0), seed, fixes=CLOSE_FIXES), 5.0, rng))
+
+    assert run.errors is not None
+    late = run.errors[run.errors["time_s"] > START_S + 40.0]
+    names = ("n_m", "e_m", "d_m")
+    error = np.array([late[f"d_{name}"] for name in names])
+    sigma = np.array([late[f"sd_{name}"] for name in names])
+    assert np.abs(error).max() < 0.3
+    assert 0.7 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.3
+    doubted = run.events[run.events["kind"] == "filter_doubted"]
+    assert len(doubted) and doubted["detail"].str.contains("grade of the inertial sensor").all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_filter_is_not_doubted_where_all_errors_are_as_stated(seed: int) -> None:
+    run = insgnss.replay(fixes_alone(turns(120.0), seed, fixes=CLOSE_FIXES))
+
+    assert not {"filter_doubted", "sensor_refused"}.intersection(kinds(run))
+
+
+def test_one_fix_far_off_is_refused_and_costs_little() -> None:
+    made = fixes_alone(turns(90.0), 2, fixes=CLOSE_FIXES)
+    position = next(table for table in made.logs.sensors if table.name == "position")
+    values = position.values.copy()
+    values[len(values) // 2, 0] += np.radians(0.001)  # 100 m
+    others = [table for table in made.logs.sensors if table is not position]
+    spoilt = replace(made, logs=replace(made.logs, sensors=(replace(position, values=values), *others)))
+
+    usual, run = insgnss.replay(made), insgnss.replay(spoilt)
+
+    far = run.measurements[run.measurements["innovation"].abs() > 50.0]
+    assert set(far["status"].astype(str)) == {"gated"}
+    sigmas = ["sd_n_m", "sd_e_m", "sd_d_m", "sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"]
+    assert (run.nav[sigmas].iloc[-1] < 1.2 * usual.nav[sigmas].iloc[-1]).all()
+    assert "filter_doubted" not in kinds(run)
 
 
 def test_run_of_fixes_alone_can_be_saved_and_reported_but_not_smoothed(tmp_path: Path) -> None:

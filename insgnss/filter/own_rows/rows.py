@@ -31,6 +31,7 @@ from insgnss.filter.state import MAX_WATCHED
 from insgnss.tables import Int64
 
 NOT_WATCHED: Final = -1
+NOT_CARRYING: Final = -1
 _SHORTEST_PERIOD_NS: Final = 1_000_000
 # the ledger's other kinds
 BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_difference")
@@ -64,6 +65,8 @@ class Measurement(Protocol):
     - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
       samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
+    - ``carrying``: True where the filter has nothing else to hold it: if they contradict it, the filter is doubted
+      (``own_rows.carrying``).
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
@@ -98,6 +101,7 @@ class Kind:
     unit: str
     period_ns: int = 0  # of ticks without end; 0: none
     watch: int = NOT_WATCHED  # its place among those that are watched
+    carrying: int = NOT_CARRYING  # its place among those that carry the filter
     unlikely: Callable[[StateEstimate], float] | None = None
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
@@ -166,7 +170,7 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     Raises
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; ``name``, ``times_ns`` or ``rows`` is missing; more kinds are watched than there is room for
+        positive; ``name``, ``times_ns`` or ``rows`` is missing; there is no room for so many that are watched or carry
     """
     kinds = tuple(_checked_kind(each, place) for place, each in enumerate(measurements))
     if not kinds:
@@ -176,16 +180,25 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     times_ns = np.unique(np.concatenate([kind.times_ns for kind in kinds]))
-    watched = [kind.name for kind in kinds if getattr(kind.source, "watched", False)]
-    if len(watched) > MAX_WATCHED:
-        raise MeasurementError(
-            f"{len(watched)} measurements have watched = True: {', '.join(watched)}",
-            advice=f"at most {MAX_WATCHED} can be watched; set watched = False for the others",
-        )
+    watched, carrying = _places(kinds, "watched"), _places(kinds, "carrying")
     kinds = tuple(
-        replace(kind, watch=watched.index(kind.name)) if kind.name in watched else kind for kind in kinds
+        replace(
+            kind, watch=watched.get(kind.name, NOT_WATCHED), carrying=carrying.get(kind.name, NOT_CARRYING)
+        )
+        for kind in kinds
     )
     return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})))
+
+
+def _places(kinds: Iterable[Kind], wish: str) -> dict[str, int]:
+    """Return the places of the kinds whose measurement has an attribute ``wish`` that is True."""
+    names = [kind.name for kind in kinds if getattr(kind.source, wish, False)]
+    if len(names) > MAX_WATCHED:
+        raise MeasurementError(
+            f"{len(names)} measurements have {wish} = True: {', '.join(names)}",
+            advice=f"at most {MAX_WATCHED} can be {wish}; set {wish} = False for the others",
+        )
+    return {name: place for place, name in enumerate(names)}
 
 
 def _checked_kind(source: Measurement, place: int) -> Kind:

@@ -1,0 +1,124 @@
+"""Fixes that carry a filter and contradict it: the filter is doubted, not the fixes.
+
+With raw GNSS data, fixes that contradict the filter are refused. Without, the filter has nothing else: one that refuses
+its fixes drifts away from them, and is lost. What contradicts them is the inertial navigation: a sensor noisier than
+its grade, as on a vibrating mount, or with a wrong time.
+
+- The filter finds how noisy the inertial samples are. Their white noise is exp(w) times that of the grade, and
+
+      w <- max(0, w + dt (mean[min(y^2 / S, 9)] - 1) / 30 s),
+
+  dt the time since the fix before, up to a second, y the innovations of a fix and S their variances. So w rises until
+  the normalised squared innovations are 1 on average. Where fixes with errors of 5 s are right, sigmas are up to a
+  tenth larger by it.
+- From a fix that is 5 sigma away to the next that the gate takes, each fix widens the sigmas of position, velocity and
+  attitude by a factor exp(dt / 2 s), and adds dt / 2 s to w. Fixes that stay 10 sigma away are used after some two
+  seconds, and by the covariance they correct the attitude too. Normal errors are 5 sigma away once in two million.
+
+Of several open headings the one counts that the fixes fit best. An event says where the noise is three times that of
+the grade.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import NOT_CARRYING, Kind
+from insgnss.filter.state import DR, DV, PSI, Bank, HeadRecord
+from insgnss.status import GATED, USED
+from insgnss.tables import Event, Float64
+
+_FAR2: Final = 25.0  # squared sigmas
+_TIME_S: Final = 2.0  # in which refused fixes make the sigmas e times as large
+_MOST_STEP_S: Final = 1.0  # fixes seconds apart: as if they were one second apart
+_NOISE_TIME_S: Final = 30.0
+_MOST: Final = 9.0  # that one squared innovation counts, over its variance
+_MOST_NOISE: Final = math.log(300.0)
+_TOLD: Final = math.log(3.0)
+_OVER: Final = math.log(1.5)
+_LINEAR2: Final = 0.1  # [rad^2] a wider attitude, sigmas of 18 deg, is not widened: its errors are not linear
+
+
+def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Collection[list[OwnEntry]], t_ns: int) -> None:
+    """Find the noise of the inertial samples by the fixes of a time, and widen all hypotheses if all contradict them.
+
+    Parameters
+    ----------
+    members : the entries of each hypothesis
+    """
+    head, carrying = bank.head[0], [kind for kind in kinds if kind.carrying != NOT_CARRYING]
+    for kind in carrying:
+        at = kind.carrying
+        before_ns = int(head.carried_ns[at])
+        step_s = min((t_ns - before_ns) / NS_PER_S, _MOST_STEP_S) if before_ns else 0.0
+        head.carried_ns[at] = t_ns
+        found = [_against(entries, kind.name) for entries in members]
+        refused = all(each.refused for each in found)
+        far = all(each.largest > _FAR2 for each in found)
+        head.doubted_by[at] = int(refused and (far or head.doubted_by[at]))
+        risen = step_s * (min(each.mean for each in found) - 1.0) / _NOISE_TIME_S
+        if head.doubted_by[at]:
+            risen += step_s / _TIME_S
+            for P in bank.P:
+                _widen(P, math.exp(step_s / _TIME_S))
+        head.inertial_noise[at] = min(max(head.inertial_noise[at] + risen, 0.0), _MOST_NOISE)
+    if carrying:
+        bank.state["noise_excess"] = math.expm1(2.0 * float(head.inertial_noise.max()))
+
+
+class _Against(NamedTuple):
+    """How a fix stands against a hypothesis: its normalised squared innovations."""
+
+    refused: bool  # all of its rows, by the gate
+    mean: float = 1.0
+    largest: float = 0.0
+
+
+def _against(entries: Iterable[OwnEntry], name: str) -> _Against:
+    found = [entry for entry in entries if entry.kind == name and entry.status in (USED, GATED)]
+    nis = [entry.innovation**2 / entry.variance for entry in found if 0.0 < entry.variance < math.inf]
+    if not nis:
+        return _Against(refused=False)
+    mean = sum(min(each, _MOST) for each in nis) / len(nis)
+    return _Against(all(entry.status == GATED for entry in found), mean, max(nis))
+
+
+def _widen(P: Float64, factor: float) -> None:
+    """Multiply the sigmas of position, velocity and attitude; all correlations stay."""
+    scale = np.ones(len(P))
+    scale[DR : DR + 3] = scale[DV : DV + 3] = factor
+    if np.diagonal(P)[PSI : PSI + 3].max() < _LINEAR2:
+        scale[PSI : PSI + 3] = factor
+    P *= np.outer(scale, scale)
+
+
+def doubt_events(head: HeadRecord, kinds: Iterable[Kind], t_ns: int) -> list[Event]:
+    """Return an event for each kind by which the inertial noise is far above its grade, or near it again."""
+    events = []
+    for kind in kinds:
+        at = kind.carrying
+        if at == NOT_CARRYING:
+            continue
+        told, noise = bool(head.noise_told[at]), float(head.inertial_noise[at])
+        if told == (noise > (_OVER if told else _TOLD)):
+            continue
+        head.noise_told[at] = int(not told)
+        events.append(Event(t_ns, *_in_words(kind, told=not told)))
+    return events
+
+
+def _in_words(kind: Kind, *, told: bool) -> tuple[str, str]:
+    if not told:
+        return "filter_agrees", f"the filter agrees with '{kind.name}' again"
+    detail = (
+        f"'{kind.name}' carries the filter and contradicts it: the filter takes the inertial noise for more than three"
+        f" times that of its grade; look for: grade of the inertial sensor (a vibrating mount is noisier), its axes and"
+        f" time; of '{kind.name}' {kind.hint}"
+    )
+    return "filter_doubted", detail
