@@ -50,7 +50,7 @@ def check(
         sure = report.sure_proposals
         written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()
-    took_s = time.perf_counter() - began
+    took_s = time.perf_counter() - began - report.compile_s
     if as_json:
         found = [asdict(finding) for finding in report.findings]
         proposals = [asdict(proposal) for proposal in report.proposals]
@@ -72,6 +72,7 @@ def check(
         left = len(report.proposals) - len(sure)
         if left and (write or not sure):
             end += f"; {left} likely key(s) are left for you to enter: only sure ones are written"
-        typer.echo(f"read {len(files)} files in {took_s:.2f} s; {end}")
+        compiled = f"compiled for {report.compile_s:.0f} s, " if report.compile_s else ""
+        typer.echo(f"{compiled}read {len(files)} files in {took_s:.2f} s; {end}")
     if report.severity == "error":
         raise typer.Exit(_FAILED)

@@ -306,7 +306,9 @@ class VelocitySensor(SensorLog):
 
     kind: Literal["velocity"]
     columns: VelocityColumns = VelocityColumns()
-    axes: Literal["ned", "enu"] = Field("ned", description="north, east, down; or east, north, up; m/s")
+    axes: Literal["ned", "enu", "neu"] = Field(
+        "ned", description="north, east, down; or east, north, up; or north, east, up, as RTKLIB's; m/s"
+    )
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the point whose velocity it is")
     sigma_mps: Sigmas3 | None = Field(None, description="along the same axes, where the log has no sigmas")
 
@@ -319,6 +321,11 @@ class VelocitySensor(SensorLog):
     def sigma_columns(self) -> tuple[str, ...]:
         """The columns of its sigmas, along the same axes."""
         return self.columns.sigma
+
+    @property
+    def ned(self) -> tuple[int, int, int]:
+        """Where north, east and the vertical stand among its components."""
+        return (1, 0, 2) if self.axes == "enu" else (0, 1, 2)
 
 
 Sensor = Annotated[

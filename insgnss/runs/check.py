@@ -13,12 +13,14 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.corrected_file import corrected_flight
 from insgnss.log.checks.declaration import AxesDeclaration, declared_log
 from insgnss.log.checks.each_log import ReadLogs, read_and_check
+from insgnss.log.checks.fixes_track import fixes_track
 from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
@@ -34,7 +36,7 @@ from insgnss.log.imu.frozen import DEAD
 from insgnss.log.imu.units import fitting_accel_units, keys_of_accel_unit
 from insgnss.runs.first_run import compiled
 from insgnss.runs.gnss_track import solve_track
-from insgnss.tables import GnssTable, ImuTable
+from insgnss.tables import ImuTable, Int64
 
 LEAST_G: Final = 0.5  # the median of |f| in any vehicle that flies, drives or swims
 MOST_G: Final = 2.0
@@ -48,7 +50,7 @@ def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> Ch
     ``check_flight`` checks each log; here they are compared with each other. A log that cannot be read is a
     finding, not an error. ``progress`` receives a message while the compiler runs.
     """
-    with compiled(progress or (lambda _: None)):
+    with compiled(progress or (lambda _: None)) as compilation:
         report, logs = read_and_check(flight)
     findings = list(report.findings)
     mended = corrected_flight(flight, report.proposals)
@@ -61,7 +63,7 @@ def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> Ch
         )
     if confirmed:
         findings = [_cleared(finding) for finding in findings]
-    return CheckReport(report.name, tuple(findings + more))
+    return CheckReport(report.name, tuple(findings + more), compilation.waited_s)
 
 
 def _against_each_other(
@@ -75,9 +77,9 @@ def _against_each_other(
     findings : of each log by itself; those of rest are replaced once the speed is known
     week : that the inertial log was read with
     """
-    more: list[Finding] = []
     if logs.receiver is None:
-        return sensor_findings(flight, None, logs.imu), False
+        return _against_fixes(flight, logs, findings, week)
+    more: list[Finding] = []
     gnss = logs.receiver.gnss
     if any(p.key.startswith("gnss.") for finding in findings for p in finding.proposals):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
@@ -92,18 +94,56 @@ def _against_each_other(
         told = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
         more += [f for f in clock_findings(track) if not (told and f.kind == CLOCK_LEAPS)]
     more += sensor_findings(flight, track, logs.imu)
-    if flight.config.imu is None:
-        return more, False
-    if track is not None:
-        _judge_rest_by_speed(findings, week, logs.imu, track)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
+    of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
+    return more + of_imu, confirmed
+
+
+def _against_fixes(
+    flight: Flight, logs: ReadLogs, findings: list[Finding], week: int
+) -> tuple[list[Finding], bool]:
+    """Return the findings on a flight without raw GNSS data: its position fixes say how the vehicle moved."""
+    more = sensor_findings(flight, None, logs.imu)
+    broken = any(finding.severity == "error" for finding in more)
+    found = None if broken else fixes_track(flight)
+    if found is None:
+        return more, False
+    track, lever_b = found
+    gnss = flight.config.gnss.model_copy(update={"lever_arm_m": lever_b})
+    flight = replace(flight, config=flight.config.model_copy(update={"gnss": gnss}))
+    changed = any(p.key.startswith(("imu.", "gps_week")) for f in findings for p in f.proposals)
+    t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
+    of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, t_ns, changed=changed)
+    return more + of_imu, confirmed
+
+
+def _inertial_log(
+    flight: Flight,
+    logs: ReadLogs,
+    findings: list[Finding],
+    week: int,
+    track: GnssTrack | None,
+    epoch_ns: Int64,
+    *,
+    changed: bool,
+) -> tuple[list[Finding], bool]:
+    """Return what the vehicle's track says of the inertial log, and whether it bears out the declared axes.
+
+    Parameters
+    ----------
+    epoch_ns : (m,) times of the log that the track is from
+    changed : whether the inertial log has to be read again, with what was proposed so far
+    """
+    if flight.config.imu is None:
+        return [], False
+    if track is not None:
+        _judge_rest_by_speed(findings, week, logs.imu, track, flight.imu_grade)
     declared = declared_log(flight, None if changed else logs.imu)
     units = _accelerometer_findings(flight, declared, findings)
     if any(finding.proposals for finding in units):
         flight = _with(flight, units)
         declared = declared_log(flight)
-    more += units
-    more += gap_findings(declared.imu, gnss.t_ns, flight.imu_grade, flight.config.gps_week)
+    more = [*units, *gap_findings(declared.imu, epoch_ns, flight.imu_grade, flight.config.gps_week)]
     size = float(np.median(np.linalg.norm(declared.imu.f_b, axis=1))) / STANDARD_GRAVITY_MPS2
     if not LEAST_G < size < MOST_G:
         text = (
@@ -116,11 +156,13 @@ def _against_each_other(
     if track is None or len(track.t_s) < MIN_TRACK:
         text = "too few epochs with a position: the inertial log cannot be compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
-    motion = _motion(flight, declared, track, gnss)
+    motion = _motion(flight, declared, track, epoch_ns)
     return more + motion, any(finding.kind == AXES_FIT for finding in motion)
 
 
-def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack) -> None:
+def _judge_rest_by_speed(
+    findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack, grade: ImuGrade
+) -> None:
     """Replace the findings on the inertial log that were made without the vehicle's speed."""
     if imu is None:
         return
@@ -130,7 +172,7 @@ def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | Non
     before = imu_findings(imu, week)
     at = min(findings.index(finding) for finding in before)
     findings[:] = [finding for finding in findings if finding not in before]
-    findings[at:at] = imu_findings(imu, week, speed)
+    findings[at:at] = imu_findings(imu, week, speed, grade)
 
 
 def _with(flight: Flight, findings: list[Finding]) -> Flight:
@@ -153,10 +195,9 @@ def _accelerometer_findings(flight: Flight, declared: AxesDeclaration, told: lis
     return [Finding("error", "imu", text, "", "sure: no other unit does", proposals)]
 
 
-def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, gnss: GnssTable) -> list[Finding]:
+def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, epoch_ns: Int64) -> list[Finding]:
     imu_ns = (int(declared.imu.t_ns[0]), int(declared.imu.t_ns[-1]))
-    gnss_ns = (int(gnss.t_ns[0]), int(gnss.t_ns[-1]))
-    shifts = overlapping_shifts(imu_ns, gnss_ns)[:MOST_SHIFTS]
+    shifts = overlapping_shifts(imu_ns, (int(epoch_ns[0]), int(epoch_ns[-1])))[:MOST_SHIFTS]
     if not shifts:
         return motion_findings(flight, declared, track)
     peaks = [(match_of(flight, declared, track, float(shift)), shift) for shift in shifts]

@@ -59,7 +59,8 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
         lever_b = np.array(self.config.lever_arm_m)
         v_a, turning = velocity_of(state, lever_b)
         apart_n = reading.values - state.C_ne @ v_a
-        sigma = sigma_or(reading.sigma, self.config.sigma_mps or _UNKNOWN)
+        given = self.config.sigma_mps or _UNKNOWN
+        sigma = sigma_or(reading.sigma, [given[k] for k in self.config.ned])
         return [
             _row(
                 *(apart_n[k], sigma[k], reading),
@@ -74,8 +75,7 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
     @property
     def _measured(self) -> list[int]:
         """The components that the log has, of north, east, down."""
-        names = self.config.columns.velocity
-        names = names if self.config.axes == "ned" else (names[1], names[0], names[2])
+        names = [self.config.columns.velocity[k] for k in self.config.ned]
         return [k for k, name in enumerate(names) if name != "none"]
 
 

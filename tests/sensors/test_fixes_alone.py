@@ -14,8 +14,10 @@ import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart
 from insgnss.config.library import find
 from insgnss.errors import ConfigError, StartError
+from insgnss.log.checks.report import AXES_FIT
 from insgnss.log.flight import FlightInMemory
 from insgnss.log.gnss_log import without_gnss
+from insgnss.runs.check import examine
 from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
 from tests.runs.scenes import START_S, kinds, true_start, turns
@@ -144,16 +146,34 @@ def test_fixes_outside_the_inertial_samples_cannot_start() -> None:
         insgnss.replay(replace(made, logs=replace(made.logs, sensors=late)))
 
 
-def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> None:
-    """The files of a simulation with [gnss] taken out of the flight file."""
-    scenario = tmp_path / "scenario.toml"
-    text = find("scenarios", "turning_flight").read_text(encoding="utf-8")
-    scenario.write_text(text + '\n[[sensor]]\nkind = "position"\n[[sensor]]\nkind = "velocity"\n')
-    simulate(scenario, 3, duration_s=40.0).save(tmp_path / "flight")
-    path = tmp_path / "flight" / "flight.toml"
+def saved_without_gnss(folder: Path, scenario: str, duration_s: float) -> Path:
+    """Return the flight file of a saved simulation with [gnss] taken out of it."""
+    file = folder / "scenario.toml"
+    text = find("scenarios", scenario).read_text(encoding="utf-8")
+    file.write_text(text + '\n[[sensor]]\nkind = "position"\n[[sensor]]\nkind = "velocity"\n')
+    simulate(file, 3, duration_s=duration_s).save(folder / "flight")
+    path = folder / "flight" / "flight.toml"
     said = path.read_text(encoding="utf-8")
     first, last = said.index("[gnss]"), said.index("[[sensor]]")
     path.write_text(said[:first] + said[last:], encoding="utf-8")
+    return path
+
+
+def test_check_holds_the_inertial_samples_against_the_fixes(tmp_path: Path) -> None:
+    path = saved_without_gnss(tmp_path, "steep_turns", 240.0)
+    found = examine(insgnss.Flight.load(path)).findings
+    assert any(f.kind == AXES_FIT for f in found)
+    assert not [f for f in found if f.proposals or f.severity == "error"]
+
+    said = path.read_text(encoding="utf-8")
+    path.write_text(said.replace("[imu]", "[imu]\ntime.offset_s = 0.2", 1), encoding="utf-8")
+    late = [p for f in examine(insgnss.Flight.load(path)).findings for p in f.proposals]
+    assert [p.key for p in late] == ["imu.time.offset_s"]
+    assert late[0].value == pytest.approx(0.0, abs=0.05)
+
+
+def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> None:
+    path = saved_without_gnss(tmp_path, "turning_flight", 40.0)
 
     report = insgnss.check_flight(insgnss.Flight.load(path))
     assert not report.of("error") and any("no raw GNSS data" in f.text for f in report.findings)

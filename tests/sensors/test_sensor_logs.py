@@ -90,6 +90,14 @@ def test_east_north_up_becomes_north_east_down(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.sigma, [[0.1, 0.2, 0.3]])
 
 
+def test_north_east_up_becomes_north_east_down(tmp_path: Path) -> None:
+    text = "time_s,vn,ve,vu,sn,se,su\n1,1.0,2.0,-3.0,0.1,0.2,0.3\n"
+    columns = {"velocity": ["vn", "ve", "vu"], "sigma": ["sn", "se", "su"]}
+    table, _ = read(tmp_path, text, "velocity", axes="neu", columns=columns)
+    np.testing.assert_allclose(table.values, [[1.0, 2.0, 3.0]])
+    np.testing.assert_allclose(table.sigma, [[0.1, 0.2, 0.3]])
+
+
 def test_mounted_attitude_sensor_tells_the_body_s_angles(tmp_path: Path) -> None:
     """A device turned by 90 deg about the vertical: its pitch is the body's roll with the other sign."""
     text = "time_s,roll_deg,pitch_deg,yaw_deg\n1,0.0,-5.0,120.0\n"

@@ -233,3 +233,12 @@ def test_live_readings_are_those_of_the_log() -> None:
     assert live.times == found.times_ns.tolist()
     for t_ns in live.times:
         assert str(live.at(t_ns)) == str(found.at(t_ns))
+
+
+@pytest.mark.parametrize(("axes", "sigma"), [("ned", (0.1, 0.2, 0.3)), ("enu", (0.2, 0.1, 0.3))])
+def test_sigmas_of_the_flight_file_go_along_the_axes_of_the_log(
+    axes: str, sigma: tuple[float, float, float]
+) -> None:
+    one = measurement("velocity", VALUES["velocity"], axes=axes, sigma_mps=sigma)
+
+    assert [row.single_variance for row in rows(one, estimate(()))] == pytest.approx([0.01, 0.04, 0.09])

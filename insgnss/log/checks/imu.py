@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
@@ -24,6 +25,9 @@ SPEED_NEAR_S: Final = 5.0  # between two epochs, for a speed between them
 SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
 # Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
 GRAVITY_TOLERANCE: Final = 0.01
+NOISY: Final = 3.0  # noise over that of the grade
+MIN_NOISE_PAIRS: Final = 10  # of neighbouring windows: their median is known to a fifth
+NORMAL_MEDIAN: Final = 0.6745  # median of a normal error's size over its sigma
 LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
 
@@ -35,12 +39,15 @@ class GroundSpeed(NamedTuple):
     sd_mps: Float64  # (m,)
 
 
-def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> list[Finding]:
-    """Return the findings on an inertial log: rate and jitter, gravity at rest, tilt, suspicion of axes.
+def imu_findings(
+    imu: ImuTable, week: int, speed: GroundSpeed | None = None, grade: ImuGrade | None = None
+) -> list[Finding]:
+    """Return the findings on an inertial log: rate and jitter, gravity and noise at rest, tilt, suspicion of axes.
 
     Parameters
     ----------
     speed : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
+    grade : the declared one; the noise is compared with it where the speed shows rest
     """
     step_s = np.diff(imu.t_ns) / NS_PER_S
     median_s = float(np.median(step_s))
@@ -66,7 +73,8 @@ def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> 
     known, mps, sd_mps = _speed_at(windows, speed)
     resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
     if resting.sum() >= MIN_REST_WINDOWS:
-        return findings + _rest_findings(windows, resting, "at rest")
+        noise = [] if grade is None or not known.any() else _noise_findings(windows, resting, grade)
+        return findings + _rest_findings(windows, resting, "at rest") + noise
     moving = steady & known
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
@@ -116,6 +124,29 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Findi
         Finding("ok", "imu", rates),
     ]
     return [*findings, _tilt_finding(f_b, where)]
+
+
+def _noise_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
+    """Return a warning for each sensor with more noise at rest than its grade states.
+
+    Means over a second are compared, by Allan's deviation at that time: vibration that averages out is no noise.
+    """
+    both = windows.pairs & resting[:-1] & resting[1:]
+    if both.sum() < MIN_NOISE_PAIRS:
+        return []
+    findings = []
+    for sensor, means, per_unit, unit, key in (
+        ("gyros", np.rad2deg(windows.w_ib_b), 60.0, "deg/sqrt(h)", "gyro_arw_deg_per_sqrt_h"),
+        ("accelerometers", windows.f_b, 60.0, "m/s/sqrt(h)", "accel_vrw_mps_per_sqrt_h"),
+    ):
+        steps = np.abs(np.diff(means, axis=0)[both])
+        deviation = float(np.median(steps, axis=0).max()) / (NORMAL_MEDIAN * np.sqrt(2.0))
+        found, stated = per_unit * deviation * np.sqrt(windows.length_s), float(getattr(grade, key))
+        if found > NOISY * stated:
+            text = f"at rest the {sensor} have a noise of {found:.2g} {unit}, the grade {stated:.2g}"
+            advice = f"a vibrating mount or another sensor: choose a grade that allows for it, or {key} in [imu.grade]"
+            findings.append(Finding("warning", "imu", text, advice))
+    return findings
 
 
 def _tilt_finding(f_b: Float64, where: str) -> Finding:

@@ -70,6 +70,7 @@ class CheckReport:
 
     name: str
     findings: tuple[Finding, ...] = field(default=())
+    compile_s: float = 0.0  # that the first command of an installation waited for the compiler
 
     @property
     def severity(self) -> Severity:

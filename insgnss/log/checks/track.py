@@ -64,7 +64,7 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     sd = np.sqrt(np.einsum("mii->m", out.P_v[:, :3, :3]) / 3.0)
     t_s = (epoch_ns - epoch_ns[0]) / NS_PER_S
     if not np.isfinite(v_e[used, 0]).any():
-        v_e, sd = _by_positions(t_s, out.r_e, used)
+        v_e, sd = velocities_by_positions(t_s, out.r_e, used)
     used &= np.isfinite(v_e[:, 0]) & np.isfinite(out.clock_m[:, 0])
     clock_m = out.clock_m[used, 0]
     return GnssTrack(
@@ -81,7 +81,7 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     )
 
 
-def _by_positions(t_s: Float64, r_e: Float64, used: Bool) -> tuple[Float64, Float64]:
+def velocities_by_positions(t_s: Float64, r_e: Float64, used: Bool) -> tuple[Float64, Float64]:
     """Return velocities between the neighbours of each epoch and their sigma, where the log has no range rates."""
     v_e = np.full_like(r_e, np.nan)
     sd = np.full(len(t_s), np.nan)

@@ -138,7 +138,8 @@ def _position(config: Any, values: Float64) -> Float64:
 
 
 def _velocity(config: Any, values: Float64) -> Float64:
-    return values if config.axes == "ned" else np.asarray(values[:, (1, 0, 2)] * (1.0, 1.0, -1.0))
+    down = 1.0 if config.axes == "ned" else -1.0
+    return np.asarray(values[:, config.ned] * (1.0, 1.0, down))
 
 
 _CONVERSIONS: Final[dict[type, Callable[[Any, Float64], Float64]]] = {
@@ -157,8 +158,8 @@ def _si_sigma(config: Sensor, sigma: Float64) -> Float64:
     factor = 1.0
     if isinstance(config, Odometer | HeadingSensor | AttitudeSensor):
         factor = SI_PER_UNIT[config.unit]
-    if isinstance(config, VelocitySensor) and config.axes == "enu":
-        sigma = sigma[:, (1, 0, 2)]
+    if isinstance(config, VelocitySensor):
+        sigma = sigma[:, config.ned]
     scaled = factor * sigma
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where((scaled > 0.0) & (scaled < 1e6), scaled, np.nan))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -195,6 +197,30 @@ def test_steady_motion_is_not_called_rest_where_the_speed_is_known(
     text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
 
     assert words in text and ("at rest" in text) is words.startswith("at rest")
+
+
+@pytest.mark.parametrize(
+    ("sensor", "key"), [("gyros", "gyro_arw_deg_per_sqrt_h"), ("accelerometers", "accel_vrw_mps_per_sqrt_h")]
+)
+@pytest.mark.parametrize("times", [2.0, 4.5])
+def test_noise_at_rest_is_compared_with_the_grade(sensor: str, key: str, times: float) -> None:
+    """White noise of so many times the grade's, beside a vibration of 23 Hz, which averages out."""
+    grade, rng = imu_grade("industrial"), np.random.default_rng(5)
+    imu, speed = steady_imu(120), GroundSpeed(np.arange(122) * NS_PER_S, np.zeros(122), np.full(122, 0.1))
+    rates, forces = np.zeros(imu.w_ib_b.shape), np.zeros(imu.w_ib_b.shape)
+    wave = np.sin(2.0 * np.pi * 23.0 * np.arange(len(rates)) / 100.0)[:, None]
+    white = times * getattr(grade, key) / 60.0 * 10.0 * rng.standard_normal(rates.shape)
+    if sensor == "gyros":
+        rates = np.radians(white + 0.5 * wave)
+    else:
+        forces = white + 0.2 * wave
+    noisy = replace(imu, w_ib_b=imu.w_ib_b + rates, f_b=imu.f_b + forces)
+
+    told = [f for f in imu_findings(noisy, 0, speed, grade) if "have a noise" in f.text]
+
+    assert [f"the {sensor} have a noise" in f.text and key in f.advice for f in told] == [True] * (
+        times > 3.0
+    )
 
 
 def test_rest_counts_only_where_the_vehicle_stood() -> None:
