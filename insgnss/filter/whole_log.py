@@ -128,9 +128,9 @@ def run_blocks(
         passage.without_imu(int(e0))
         navigator = Navigator(setup)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
-        smoother, first = Smoother(navigator, part, further), int(out.counts[0].nav)
+        smoother, first = Smoother(navigator, part, further) if smooth else None, int(out.counts[0].nav)
         for rows, begin, end, written in passage.until(int(e1)):
-            if smooth:
+            if smoother is not None:
                 smoother.forward(rows, begin, end, written)
             elif further is not None:
                 RowCovariances(navigator, part, further).forward(rows, begin, end, written)
@@ -145,7 +145,8 @@ def run_blocks(
         found |= navigator.own
         if filtered is not None:
             filtered.append(out.nav[first : out.counts[0].nav].copy())
-        smoother.finish(out)
+        if smoother is not None:
+            smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             if further is not None:
                 RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)

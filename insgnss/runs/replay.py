@@ -132,7 +132,7 @@ def replay(
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
-    refuse_smoothing(flight, smooth=smooth, beside=aided is not None or supervise)
+    refuse_smoothing(smooth=smooth, beside=aided is not None or supervise)
     refuse_integrity(flight, integrity=integrity)
     rows_at = output_of(output, flight.config.gps_week, has_epochs=bool(flight.config.gnss.files))
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)

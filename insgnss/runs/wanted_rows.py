@@ -80,20 +80,16 @@ def named_points(flight: Flight) -> dict[str, tuple[float, float, float]]:
     return {name: lever for name, lever in found.items() if lever is not None}
 
 
-def refuse_smoothing(flight: Flight, *, smooth: bool, beside: bool) -> None:
+def refuse_smoothing(*, smooth: bool, beside: bool) -> None:
     """Refuse a smoothed replay where smoothing is not available.
 
     Raises
     ------
-    ConfigError : it is to be smoothed, and has aiding or supervision ``beside``, or no raw GNSS data
+    ConfigError : it is to be smoothed, and has aiding or supervision ``beside``
     """
-    if not smooth or (flight.config.gnss.files and not beside):
-        return
-    if beside:
+    if smooth and beside:
         advice = "leave aiding and supervise out, or replay without smoothing"
         raise ConfigError("a smoothed run has no aiding and no supervision", key="smooth", advice=advice)
-    message = "a flight without raw GNSS data is not smoothed: the smoother goes from epoch to epoch"
-    raise ConfigError(message, key="smooth", advice="replay without smoothing, or give [gnss]")
 
 
 def refuse_integrity(flight: Flight, *, integrity: bool) -> None:

@@ -13,6 +13,7 @@ import pytest
 import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart
 from insgnss.config.library import find
+from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, StartError
 from insgnss.log.checks.report import AXES_FIT
 from insgnss.log.flight import FlightInMemory
@@ -120,12 +121,54 @@ def test_one_fix_far_off_is_refused_and_costs_little() -> None:
     assert "filter_doubted" not in kinds(run)
 
 
-def test_run_of_fixes_alone_can_be_saved_and_reported_but_not_smoothed(tmp_path: Path) -> None:
+def without_fixes(made: FlightInMemory, from_s: float, to_s: float) -> FlightInMemory:
+    """Return a flight whose sensors give nothing for a while, in seconds after its start."""
+    tables = []
+    for table in made.logs.sensors:
+        after_s = (table.t_ns - made.logs.imu.t_ns[0]) / NS_PER_S
+        kept = (after_s < from_s) | (after_s > to_s)
+        tables.append(
+            replace(table, t_ns=table.t_ns[kept], values=table.values[kept], sigma=table.sigma[kept])
+        )
+    return replace(made, logs=replace(made.logs, sensors=tuple(tables)))
+
+
+def test_fixes_alone_are_smoothed_also_over_a_pause() -> None:
+    """Half a minute without fixes: the smoother's errors are far smaller, and as large as their sigmas."""
+    rms, ratio2 = {}, []
+    for smooth in (False, True):
+        squares = []
+        for seed in range(21, 29):
+            made = without_fixes(fixes_alone(turns(120.0), seed), 50.0, 80.0)
+            run = insgnss.replay(made, smooth=smooth)
+            assert run.errors is not None
+            inside = run.errors[run.errors["time_s"].between(START_S + 52.0, START_S + 78.0)]
+            squares.append([float(np.mean(inside[f"d_{name}"] ** 2)) for name in ("n_m", "e_m", "d_m")])
+            if smooth:
+                middle = inside.iloc[len(inside) // 2]
+                names = (
+                    "n_m",
+                    "e_m",
+                    "d_m",
+                    "vn_mps",
+                    "ve_mps",
+                    "vd_mps",
+                    "roll_deg",
+                    "pitch_deg",
+                    "yaw_deg",
+                )
+                ratio2 += [(middle[f"d_{name}"] / middle[f"sd_{name}"]) ** 2 for name in names]
+        rms[smooth] = np.sqrt(np.mean(squares))
+
+    assert rms[True] < 0.35 * rms[False]
+    low, high = mean_chi_square_bounds(1, len(ratio2), effective_share=0.3)  # components are correlated
+    assert low < np.mean(ratio2) < high
+
+
+def test_run_of_fixes_alone_can_be_saved_and_reported(tmp_path: Path) -> None:
     base = turns(90.0)
     made = fixes_alone(base, 2, true_start(base, 2.0))
-    with pytest.raises(ConfigError, match="is not smoothed"):
-        insgnss.replay(made, smooth=True)
-    run = insgnss.replay(made, output=2.0)
+    run = insgnss.replay(made, output=2.0, smooth=True)
     assert np.isfinite(run.nav.drop(columns=run.nav.filter(like="slow")).to_numpy(np.float64)).all()
     run.save(tmp_path / "run")
     assert len(insgnss.Run.load(tmp_path / "run").nav) == len(run.nav)

@@ -69,11 +69,14 @@ class Smoother:
     _phase: OpenPhase | None = None  # several headings are open
     _stood: Bank | None = None  # the filter as several antennas' rows of an epoch have found it
 
+    def __post_init__(self) -> None:
+        """Have the navigator report each update by own rows, and each epoch before several antennas' rows."""
+        self.navigator.after_own = self._take_own
+        self.navigator.before_antennas = self._take_before_antennas
+
     def forward(self, rows: GnssRows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
-        navigator.after_own = self._take_own
-        navigator.before_antennas = self._take_before_antennas
         for alone, written in each_epoch(rows, first, last, out):
             told, before = len(navigator.events), navigator.bank
             if self.further is None:
