@@ -9,7 +9,7 @@ from insgnss.filter.loop import DONE, carry_bank, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.prediction import new_scratch, predict_covariance
 from insgnss.filter.rows.lines import EpochWorkspace
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, PSI, copy_bank
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -84,6 +84,26 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
     assert np.max(summed[:, DR : DR + 3]) < 1e-9
     assert np.max(summed[:, [CLOCK]]) < 1e-9
     assert max(of_P) < 1e-9
+
+
+def test_noise_beyond_the_grade_is_that_of_a_noisier_sensor(rng: np.random.Generator) -> None:
+    """Three times the white noise in sigma: eight times the grade's variance beyond it."""
+    par = parameters(LEVER_B)
+    loud = par.copy()
+    loud["gyro_density"] *= 9.0
+    loud["accel_density"] *= 9.0
+    t = turning(par, 5, 100, rng)
+    scratch, end_ns = new_scratch(N), int(t.imu.t_ns[-1])
+    t.bank.P[:] = 0.0  # what there is afterwards is noise alone
+    banks = [copy_bank(t.bank) for _ in range(3)]
+    banks[1].state["noise_excess"] = 8.0
+    for bank, each in zip(banks, (par, par, loud), strict=True):
+        carry_bank(bank, end_ns, t.imu, each[0], scratch)
+        predict_covariance(bank.state[0], bank.P[0], each[0], scratch)
+
+    usual, raised, noisier = (bank.P[0] for bank in banks)
+    np.testing.assert_allclose(raised, noisier, rtol=1e-9, atol=1e-30)
+    assert np.all(np.diagonal(raised)[PSI : PSI + 3] > 5.0 * np.diagonal(usual)[PSI : PSI + 3])
 
 
 def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: np.random.Generator) -> None:

@@ -21,6 +21,7 @@ from insgnss.log.gnss_log import without_gnss
 from insgnss.runs.check import examine
 from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
+from tests.conftest import REPOSITORY
 from tests.runs.scenes import START_S, kinds, true_start, turns
 from tests.sensors.scenes import flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
@@ -227,3 +228,29 @@ def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> No
     run = insgnss.replay(path)
     assert run.errors is not None
     assert run.errors[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 15.0
+
+
+@pytest.mark.real_data
+def test_walk_on_its_receivers_fixes_alone_has_the_heading_of_the_tight_filter(
+    data_root: Path, tmp_path: Path
+) -> None:
+    """A handheld log with four fixes a second of a receiver with a base station."""
+    folder = data_root / "walk_boulder_20250828"
+    fixes = f'files = ["{folder / "reference.csv"}"]'
+    path = tmp_path / "flight.toml"
+    path.write_text(
+        f'gps_week = 2381\n[imu]\nfiles = ["{folder / "imu.csv"}"]\ngrade = "mems_consumer"\n[imu.columns]\n'
+        'gyro = ["wx_radps", "wy_radps", "wz_radps"]\naccel = ["fx_mps2", "fy_mps2", "fz_mps2"]\n'
+        f'[[sensor]]\nkind = "position"\n{fixes}\nsigma_m = [0.1, 0.1, 0.2]\n'
+        f'[[sensor]]\nkind = "velocity"\n{fixes}\nsigma_mps = [0.1, 0.1, 0.1]\n'
+        'columns = { velocity = ["vn", "ve", "vd"] }\n'
+    )
+    loose = insgnss.replay(path, output=1.0)
+    tight = insgnss.replay(REPOSITORY / "tests" / "flights" / "walk.toml", output=1.0)
+
+    assert (loose.measurements["status"] == "used").mean() > 0.95
+    both = loose.nav.merge(tight.nav, on="time_s", suffixes=("", "_tight"))
+    both = both[(both["sd_yaw_deg"] < 5.0) & (both["sd_yaw_deg_tight"] < 5.0)]
+    apart = np.remainder(both["yaw_deg"] - both["yaw_deg_tight"] + 180.0, 360.0) - 180.0
+    assert len(both) > 60
+    assert (apart.abs() < 3.0 * np.hypot(both["sd_yaw_deg"], both["sd_yaw_deg_tight"])).all()
