@@ -119,6 +119,6 @@ def _in_words(kind: Kind, *, told: bool) -> tuple[str, str]:
     detail = (
         f"'{kind.name}' carries the filter and contradicts it: the filter takes the inertial noise for more than three"
         f" times that of its grade; look for: grade of the inertial sensor (a vibrating mount is noisier), its axes and"
-        f" time; of '{kind.name}' {kind.hint}"
+        f" time; of '{kind.name}': {kind.hint}"
     )
     return "filter_doubted", detail

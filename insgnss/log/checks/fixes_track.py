@@ -40,7 +40,7 @@ def fixes_track(flight: Flight) -> tuple[GnssTrack, LeverArm] | None:
         geodetic_to_ecef(lat, lon, h, at)
     t_s = (t_ns - t_ns[0]) / NS_PER_S
     v_e, sd = _velocities(flight, t_ns, r_e)
-    if v_e is None:
+    if not np.isfinite(v_e).all(axis=1).any():
         v_e, sd = velocities_by_positions(t_s, r_e, np.ones(n, np.bool_))
     used = np.isfinite(v_e).all(axis=1)
     sd = np.maximum(sd[used], VELOCITY_FLOOR_MPS)
@@ -49,11 +49,11 @@ def fixes_track(flight: Flight) -> tuple[GnssTrack, LeverArm] | None:
     return track, positions.lever_arm_m
 
 
-def _velocities(flight: Flight, t_ns: Int64, r_e: Float64) -> tuple[Float64 | None, Float64]:
-    """Return the velocities (m, 3) of the first log of them at the fixes' times, NaN where it has none, and sigmas."""
+def _velocities(flight: Flight, t_ns: Int64, r_e: Float64) -> tuple[Float64, Float64]:
+    """Return the velocities (m, 3) of the first log of them at the fixes' times, NaN where there is none, and sigmas."""
     config = next((s for s in flight.config.sensor if isinstance(s, VelocitySensor) and s.files), None)
     if config is None:
-        return None, np.zeros(0)
+        return np.full(r_e.shape, np.nan), np.full(len(t_ns), np.nan)
     table, _ = read_sensor(config, flight.config.gps_week)
     at = np.clip(np.searchsorted(table.t_ns, t_ns), 1, len(table.t_ns) - 1)
     at -= np.abs(table.t_ns[at - 1] - t_ns) < np.abs(table.t_ns[at] - t_ns)
