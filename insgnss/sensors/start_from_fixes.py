@@ -53,9 +53,8 @@ class StartFromFixes:
         inside = (table.t_ns > imu.t_ns[0] + _LEVELLING_NS) & (table.t_ns < imu.t_ns[-1])
         good = np.flatnonzero(inside & np.isfinite(table.values).all(axis=1))
         t_ns = table.t_ns[good]
-        earlier = (
-            np.searchsorted(t_ns, t_ns - _SHORTEST_PAIR_NS, side="right") - 1
-        )  # of each fix the last such before
+        # of each fix the last that is early enough before it
+        earlier = np.searchsorted(t_ns, t_ns - _SHORTEST_PAIR_NS, side="right") - 1
         pairs = np.flatnonzero((earlier >= 0) & (t_ns - t_ns[earlier] <= _LONGEST_PAIR_NS))
         if not len(pairs):
             return None

@@ -50,7 +50,7 @@ def fixes_track(flight: Flight) -> tuple[GnssTrack, LeverArm] | None:
 
 
 def _velocities(flight: Flight, t_ns: Int64, r_e: Float64) -> tuple[Float64, Float64]:
-    """Return the velocities (m, 3) of the first log of them at the fixes' times, NaN where there is none, and sigmas."""
+    """Return the velocities (m, 3) of their first log at the fixes' times, NaN where there is none, and sigmas (m,)."""
     config = next((s for s in flight.config.sensor if isinstance(s, VelocitySensor) and s.files), None)
     if config is None:
         return np.full(r_e.shape, np.nan), np.full(len(t_ns), np.nan)
