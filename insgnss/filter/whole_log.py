@@ -155,8 +155,7 @@ def run_blocks(
                 run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
-        kept = navigator.leave(part)
-        started = started or navigator.started_ns is not None
+        kept, started = navigator.leave(part), started or navigator.started_ns is not None
     passage.without_imu(n_epochs)
     if not started:
         raise _no_start(setup, samples.logged_ns, epoch_ns)

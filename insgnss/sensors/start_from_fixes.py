@@ -4,6 +4,9 @@ Two fixes at least half a second apart are taken. Position: the second fix. Velo
 time, else the way between the fixes over their time, an acceleration of 1 m/s^2 in its sigma. Roll and pitch: the mean
 specific force of the last second. Heading: open, around the course where there is one; the fixes and other information
 on heading decide.
+
+Where velocities and samples show rest, the start is that of an automatic start at rest: levelled with the sigma of the
+accelerometers' biases, and with the gyros' biases from their mean.
 """
 
 from __future__ import annotations
@@ -15,14 +18,18 @@ from typing import Any, Final
 
 import numpy as np
 
+from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart
+from insgnss.config.imu import ImuGrade
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.start import StartAttitude, attitudes_at_start, open_headings, samples_show_rest
 from insgnss.filter.start.without_gnss import TimedStart
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import ecef_to_ned_matrix, level_axes
+from insgnss.inertial.alignment import inertial_window
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.sensors.position_fixes import fix_ecef
 from insgnss.tables import Float64, SensorTable
@@ -44,6 +51,8 @@ class StartFromFixes:
     given: TimedStart | None
     positions: tuple[PositionSensor, SensorTable]
     velocities: tuple[VelocitySensor, SensorTable] | None
+    config: FilterConfig
+    grade: ImuGrade
 
     def __call__(self, imu: ImuSamples) -> TimedStart | None:
         """Return the start of a stretch: the given one inside it, else that of the first two fixes; None without."""
@@ -82,19 +91,51 @@ class StartFromFixes:
             sd_roll_pitch_deg=_SD_LEVEL_DEG[speed > _REST_MPS],
             sd_yaw_deg=90.0 if moving else 180.0,
         )
-        return TimedStart(
-            t_ns, state, f"from two fixes of '{config.label}', at {speed:.1f} m/s; heading open"
-        )
+        attitudes = self._at_rest(imu, first, second)
+        how = "at rest" if attitudes else f"at {speed:.1f} m/s"
+        return TimedStart(t_ns, state, f"from two fixes of '{config.label}', {how}; heading open", attitudes)
+
+    def _at_rest(self, imu: ImuSamples, first: int, second: int) -> tuple[StartAttitude, ...]:
+        """Return the attitudes of a vehicle that stands, with the gyros' biases; nothing if that is not shown.
+
+        Velocities at both fixes and the samples before the second have to show it, as of an automatic start.
+        """
+        _, table = self.positions
+        t_ns, place = [int(table.t_ns[k]) for k in (first, second)], table.values[second]
+        limits = self.config.start
+        window = inertial_window(*imu[:3], t_ns[1] - round(limits.window_s * NS_PER_S), t_ns[1])
+        before, now = (self._velocity_read(each) for each in t_ns)
+        if window is None or before is None or now is None:
+            return ()
+        for v_n, sd in (before, now):
+            allowed = limits.rest_speed_mps + min(3.0 * math.sqrt(3.0) * sd, limits.rest_speed_mps)
+            if float(np.linalg.norm(v_n)) > allowed:
+                return ()
+        if not samples_show_rest(window, self.config, self.grade):
+            return ()
+        beyond = float(np.sum((now[0] - before[0]) ** 2)) - 3.0 * (before[1] ** 2 + now[1] ** 2)
+        sd_a = math.sqrt(max(beyond, 0.0)) * NS_PER_S / (t_ns[1] - t_ns[0])
+        r_e = fix_ecef(place, 0.0)
+        v_e, P_v = level_axes(r_e).T @ now[0], now[1] ** 2 * np.eye(3)
+        headings = open_headings(r_e, v_e, P_v, self.config)
+        return tuple(attitudes_at_start(window, r_e, v_e, None, sd_a, self.config, self.grade, headings))
+
+    def _velocity_read(self, t_ns: int) -> tuple[Float64, float] | None:
+        """Return a velocity north, east, down read near a time, and its sigma; None without one."""
+        if self.velocities is None:
+            return None
+        config, found = self.velocities
+        k = int(np.argmin(np.abs(found.t_ns - t_ns)))
+        if abs(int(found.t_ns[k] - t_ns)) > _SAME_TIME_NS or not np.isfinite(found.values[k]).all():
+            return None
+        return found.values[k], _sigma(found.sigma[k], config.sigma_mps)
 
     def _velocity(self, first: int, second: int, sigma: float) -> tuple[Float64, float]:
         """Return the velocity north, east, down at the second fix and its sigma."""
         _, table = self.positions
-        if self.velocities is not None:
-            config, found = self.velocities
-            k = int(np.argmin(np.abs(found.t_ns - table.t_ns[second])))
-            near = abs(int(found.t_ns[k] - table.t_ns[second])) <= _SAME_TIME_NS
-            if near and np.isfinite(found.values[k]).all():
-                return found.values[k], math.hypot(_sigma(found.sigma[k], config.sigma_mps), 0.3)
+        read = self._velocity_read(int(table.t_ns[second]))
+        if read is not None:
+            return read[0], math.hypot(read[1], 0.3)
         C_ne = np.zeros((3, 3))
         ecef_to_ned_matrix(table.values[second, 0], table.values[second, 1], C_ne)
         dt = float(table.t_ns[second] - table.t_ns[first]) / NS_PER_S
@@ -114,7 +155,10 @@ def started_without_gnss(setup: FilterSetup, flight: Flight, logs: FlightLogs) -
         if sensor.label in by_name:
             kinds.setdefault(type(sensor), (sensor, by_name[sensor.label]))
     positions = kinds.get(PositionSensor)
-    alone = None if positions is None else StartFromFixes(given, positions, kinds.get(VelocitySensor))
+    alone = None
+    if positions is not None:
+        velocities = kinds.get(VelocitySensor)
+        alone = StartFromFixes(given, positions, velocities, setup.config, setup.grade)
     return replace(setup, start=None, start_ns=None, start_alone=alone)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart
-from insgnss.config.library import find
+from insgnss.config.library import find, imu_grade
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, StartError
 from insgnss.log.checks.report import AXES_FIT
@@ -23,7 +23,7 @@ from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
 from tests.conftest import REPOSITORY
 from tests.runs.scenes import START_S, kinds, true_start, turns
-from tests.sensors.scenes import flown, simulated, with_sensors
+from tests.sensors.scenes import city_car, flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
 
 FIXES = (simulated("position", noise_time_s=0.0, noise_m=(1.0, 1.0, 2.0)), simulated("velocity"))
@@ -120,6 +120,24 @@ def test_one_fix_far_off_is_refused_and_costs_little() -> None:
     sigmas = ["sd_n_m", "sd_e_m", "sd_d_m", "sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"]
     assert (run.nav[sigmas].iloc[-1] < 1.2 * usual.nav[sigmas].iloc[-1]).all()
     assert "filter_doubted" not in kinds(run)
+
+
+def test_start_at_rest_knows_gyro_biases_and_level() -> None:
+    """Level to the accelerometers' biases; the gyros' reading is shared between bias and g-sensitivity."""
+    ratio2, sd_bias, sd_level = [], [], []
+    for seed in range(31, 43):
+        run = insgnss.replay(fixes_alone(city_car(20.0), seed))
+        assert run.errors is not None
+        assert "at rest" in run.events.loc[run.events["kind"] == "start", "detail"].iloc[0]
+        row = run.errors.iloc[8]
+        ratio2 += [(row[f"d_{name}"] / row[f"sd_{name}"]) ** 2 for name in ("roll_deg", "pitch_deg")]
+        sd_level.append(row["sd_roll_deg"])
+        sd_bias.append(np.degrees(run.nav["sd_gyro_bias_z_radps"].iloc[8]) * 3600.0)
+    low, high = mean_chi_square_bounds(1, len(ratio2))
+    assert low < np.mean(ratio2) < high
+    grade = imu_grade("mems_consumer")
+    assert max(sd_bias) < 0.85 * grade.gyro_bias_deg_per_h
+    assert max(sd_level) < np.degrees(1.3e-3 * grade.accel_bias_mg)
 
 
 def without_fixes(made: FlightInMemory, from_s: float, to_s: float) -> FlightInMemory:

@@ -24,6 +24,7 @@ from insgnss.filter.start.start import (
     kinematics_from_fix,
     open_bank,
     open_headings,
+    samples_show_rest,
 )
 from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
@@ -187,12 +188,7 @@ class Starter:
             change = float(np.linalg.norm(fix.v_a - earlier.v_a))
             most = start.rest_acceleration_mps2 * (fix.t_ns - earlier.t_ns) / NS_PER_S
             slow = slow and change < most + _allowance(fix.P_v + earlier.P_v)
-        steady = (
-            window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
-        )
-        prior = self.setup.grade.gyro_bias_deg_per_h / 3600.0
-        turning = np.degrees(np.abs(window.w_ib_b)).max() > start.rest_rate_degps + 3.0 * prior
-        return slow and steady and not turning
+        return slow and samples_show_rest(window, self.setup.config, self.setup.grade)
 
     def _given_start(
         self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters

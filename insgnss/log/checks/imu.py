@@ -129,7 +129,7 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Findi
 def _noise_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
     """Return a warning for each sensor with more noise at rest than its grade states.
 
-    Means over a second are compared, by Allan's deviation at that time: vibration that averages out is no noise.
+    Means over a second are compared, by Allan's deviation at that time: vibration averages out and does not count.
     """
     both = windows.pairs & resting[:-1] & resting[1:]
     if both.sum() < MIN_NOISE_PAIRS:
