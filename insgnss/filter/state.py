@@ -244,6 +244,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
             target.lasting[i, j] = source.lasting[i, j]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
     target.swung_ns = source.swung_ns
+    target.noise_excess = source.noise_excess
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (
         source.sum_dt,
         source.sum_gyro_q,
