@@ -31,6 +31,7 @@ S_PER_DAY: Final = 86_400
 NS_PER_DAY: Final = S_PER_DAY * NS_PER_S
 
 M_PER_KM: Final = 1000.0
+SIGMA_PER_MEDIAN: Final = 1.4826  # of a normal error: sigma over the median of its size
 
 # Broadcast orbits: each system's own gravitational constant and Earth rotation rate. The factor F of the clock's
 # periodic relativity follows from mu in each ICD, F = -2 sqrt(mu) / c^2. QZSS (IS-QZSS-PNT-005, 5.5.2) and NavIC (SPS

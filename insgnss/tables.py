@@ -21,6 +21,7 @@ Complex = npt.NDArray[np.complex128]
 # Bits of the loss-of-lock indicator: a cycle slip, an open half cycle (RINEX 3.05, table A3; 4.01, 6.5.2)
 LLI_SLIP: Final = 1
 LLI_HALF_CYCLE: Final = 2
+_SAME_TIME_NS: Final = 200_000_000  # within which readings of two sensors count as of one time
 
 
 def stretches_of(flags: Bool) -> Int64:
@@ -222,3 +223,12 @@ class SensorTable:
     values: Float64  # (n, k)
     # (n, s) of the values, of positions north, east, down [m]; NaN where not stated, s = 0 for a magnetometer
     sigma: Float64
+
+    def at_times(self, t_ns: Int64) -> tuple[Float64, Float64]:
+        """Return the values (m, k) and sigmas (m, s) read nearest to times (m,); NaN where none is within 0.2 s."""
+        after = np.clip(np.searchsorted(self.t_ns, t_ns), 0, len(self.t_ns) - 1)
+        before = np.maximum(after - 1, 0)
+        nearest = np.where(t_ns - self.t_ns[before] <= self.t_ns[after] - t_ns, before, after)
+        near = np.abs(self.t_ns[nearest] - t_ns)[:, None] <= _SAME_TIME_NS
+        values, sigma = (np.where(near, each[nearest], np.nan) for each in (self.values, self.sigma))
+        return values, sigma

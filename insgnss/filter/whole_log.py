@@ -128,7 +128,8 @@ def run_blocks(
         passage.without_imu(int(e0))
         navigator = Navigator(setup)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
-        smoother, first = Smoother(navigator, part, further) if smooth else None, int(out.counts[0].nav)
+        smoother = Smoother(navigator, part, further) if smooth else None
+        first = int(out.counts[0].nav)
         for rows, begin, end, written in passage.until(int(e1)):
             if smoother is not None:
                 smoother.forward(rows, begin, end, written)
@@ -136,12 +137,7 @@ def run_blocks(
                 RowCovariances(navigator, part, further).forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
-        if setup.start_alone is not None:
-            _open_alone(navigator, setup, part)
-        if further is not None:
-            RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
-        else:
-            navigator.use_own_rows(part, no_rows, int(part.t_ns[-1]), out)
+        _after_the_epochs(navigator, part, further, no_rows, out)
         found |= navigator.own
         if filtered is not None:
             filtered.append(out.nav[first : out.counts[0].nav].copy())
@@ -155,7 +151,8 @@ def run_blocks(
                 run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
-        kept, started = navigator.leave(part), started or navigator.started_ns is not None
+        kept = navigator.leave(part)
+        started = started or navigator.started_ns is not None
     passage.without_imu(n_epochs)
     if not started:
         raise _no_start(setup, samples.logged_ns, epoch_ns)
@@ -173,6 +170,18 @@ def _refuse_shared_states(setup: FilterSetup, *, smooth: bool) -> None:
             key="process.range_bias_states",
             advice="use fewer constellations (measurements.constellations), cut the log, or switch the states off",
         )
+
+
+def _after_the_epochs(
+    navigator: Navigator, part: ImuSamples, further: PointColumnValues | None, no_rows: GnssRows, out: Output
+) -> None:
+    """Use the own rows up to the end of a stretch; without raw GNSS data the filter is opened here."""
+    if navigator.setup.start_alone is not None:
+        _open_alone(navigator, navigator.setup, part)
+    if further is not None:
+        RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
+    else:
+        navigator.use_own_rows(part, no_rows, int(part.t_ns[-1]), out)
 
 
 def _open_alone(navigator: Navigator, setup: FilterSetup, part: ImuSamples) -> None:

@@ -26,7 +26,7 @@ from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
-from insgnss.log.checks.sensor_findings import sensor_findings
+from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
@@ -93,7 +93,7 @@ def _against_each_other(
     if track is not None:
         told = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
         more += [f for f in clock_findings(track) if not (told and f.kind == CLOCK_LEAPS)]
-    more += sensor_findings(flight, track, logs.imu)
+    more += sensor_findings(read_sensor_logs(flight), track, logs.imu)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
     return more + of_imu, confirmed
@@ -103,9 +103,8 @@ def _against_fixes(
     flight: Flight, logs: ReadLogs, findings: list[Finding], week: int
 ) -> tuple[list[Finding], bool]:
     """Return the findings on a flight without raw GNSS data: its position fixes say how the vehicle moved."""
-    more = sensor_findings(flight, None, logs.imu)
-    broken = any(finding.severity == "error" for finding in more)
-    found = None if broken else fixes_track(flight)
+    sensors = read_sensor_logs(flight)
+    more, found = sensor_findings(sensors, None, logs.imu), fixes_track(sensors)
     if found is None:
         return more, False
     track, lever_b = found

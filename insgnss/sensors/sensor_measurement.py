@@ -33,7 +33,7 @@ class SensorMeasurement(Generic[Config]):
 
     config: Config
     readings: Readings | LiveReadings
-    carrying: bool = False  # the filter has nothing else to hold it
+    carrying: bool = False  # the filter has no other position or velocity
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused

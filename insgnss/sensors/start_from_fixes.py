@@ -26,7 +26,13 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.start.start import StartAttitude, attitudes_at_start, open_headings, samples_show_rest
+from insgnss.filter.start.rest import (
+    MeasuredVelocity,
+    samples_show_rest,
+    slight_acceleration,
+    velocities_show_rest,
+)
+from insgnss.filter.start.start import StartAttitude, attitudes_at_start, open_headings
 from insgnss.filter.start.without_gnss import TimedStart
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, level_axes
 from insgnss.inertial.alignment import inertial_window
@@ -37,7 +43,6 @@ from insgnss.tables import Float64, SensorTable
 _LEVELLING_NS: Final = NS_PER_S
 _SHORTEST_PAIR_NS: Final = NS_PER_S // 2  # their way is then longer than the fixes' own errors
 _LONGEST_PAIR_NS: Final = 10 * NS_PER_S
-_SAME_TIME_NS: Final = NS_PER_S // 5
 _ACCELERATION_MPS2: Final = 1.0  # of what drives and flies, one sigma
 _COURSE_MPS: Final = 3.0
 _SD_LEVEL_DEG: Final = (2.0, 6.0)  # at rest, in motion
@@ -98,44 +103,39 @@ class StartFromFixes:
     def _at_rest(self, imu: ImuSamples, first: int, second: int) -> tuple[StartAttitude, ...]:
         """Return the attitudes of a vehicle that stands, with the gyros' biases; nothing if that is not shown.
 
-        Velocities at both fixes and the samples before the second have to show it, as of an automatic start.
+        Velocities at both fixes and the samples before the second have to show it, as for an automatic start.
         """
         _, table = self.positions
         t_ns, place = [int(table.t_ns[k]) for k in (first, second)], table.values[second]
-        limits = self.config.start
-        window = inertial_window(*imu[:3], t_ns[1] - round(limits.window_s * NS_PER_S), t_ns[1])
+        begin_ns = t_ns[1] - round(self.config.start.window_s * NS_PER_S)
+        window = inertial_window(*imu[:3], begin_ns, t_ns[1])
         before, now = (self._velocity_read(each) for each in t_ns)
         if window is None or before is None or now is None:
             return ()
-        for v_n, sd in (before, now):
-            allowed = limits.rest_speed_mps + min(3.0 * math.sqrt(3.0) * sd, limits.rest_speed_mps)
-            if float(np.linalg.norm(v_n)) > allowed:
-                return ()
-        if not samples_show_rest(window, self.config, self.grade):
+        slow = velocities_show_rest(now, before, self.config)
+        if not (slow and samples_show_rest(window, self.config, self.grade)):
             return ()
-        beyond = float(np.sum((now[0] - before[0]) ** 2)) - 3.0 * (before[1] ** 2 + now[1] ** 2)
-        sd_a = math.sqrt(max(beyond, 0.0)) * NS_PER_S / (t_ns[1] - t_ns[0])
         r_e = fix_ecef(place, 0.0)
-        v_e, P_v = level_axes(r_e).T @ now[0], now[1] ** 2 * np.eye(3)
-        headings = open_headings(r_e, v_e, P_v, self.config)
+        v_e, sd_a = level_axes(r_e).T @ now.v, slight_acceleration(now, before)
+        headings = open_headings(r_e, v_e, now.P, self.config)
         return tuple(attitudes_at_start(window, r_e, v_e, None, sd_a, self.config, self.grade, headings))
 
-    def _velocity_read(self, t_ns: int) -> tuple[Float64, float] | None:
-        """Return a velocity north, east, down read near a time, and its sigma; None without one."""
+    def _velocity_read(self, t_ns: int) -> MeasuredVelocity | None:
+        """Return a velocity north, east, down read near a time; None without one."""
         if self.velocities is None:
             return None
         config, found = self.velocities
-        k = int(np.argmin(np.abs(found.t_ns - t_ns)))
-        if abs(int(found.t_ns[k] - t_ns)) > _SAME_TIME_NS or not np.isfinite(found.values[k]).all():
+        values, stated = found.at_times(np.array([t_ns]))
+        if not np.isfinite(values).all():
             return None
-        return found.values[k], _sigma(found.sigma[k], config.sigma_mps)
+        return MeasuredVelocity(t_ns, values[0], _sigma(stated[0], config.sigma_mps) ** 2 * np.eye(3))
 
     def _velocity(self, first: int, second: int, sigma: float) -> tuple[Float64, float]:
         """Return the velocity north, east, down at the second fix and its sigma."""
         _, table = self.positions
         read = self._velocity_read(int(table.t_ns[second]))
         if read is not None:
-            return read[0], math.hypot(read[1], 0.3)
+            return read.v, math.hypot(math.sqrt(read.P[0, 0]), 0.3)
         C_ne = np.zeros((3, 3))
         ecef_to_ned_matrix(table.values[second, 0], table.values[second, 1], C_ne)
         dt = float(table.t_ns[second] - table.t_ns[first]) / NS_PER_S

@@ -10,9 +10,9 @@ from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.mean_acceleration import (
     MeanAcceleration,
     mean_acceleration,
-    slight_acceleration,
     unknown_acceleration,
 )
+from insgnss.filter.start.rest import MeasuredVelocity, slight_acceleration
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.tables import Float64
 
@@ -32,6 +32,12 @@ def fix(v_a: Float64, sigma: float, t_s: float) -> Fix:
     return Fix(
         int(t_s * NS_PER_S), PLACE_E, np.zeros(1), np.eye(4), v_a, 0.0, P_v, none, unused, unused, True
     )
+
+
+def velocity(v_a: Float64, sigma: float, t_s: float) -> MeasuredVelocity:
+    measured = fix(v_a, sigma, t_s).velocity
+    assert measured is not None
+    return measured
 
 
 def found(change: list[float], sigma: float, true: list[float]) -> MeanAcceleration:
@@ -94,7 +100,7 @@ def test_the_sigma_is_that_of_the_error(seed: int) -> None:
 
 def test_the_end_of_a_brake_is_left_in_the_level() -> None:
     braked = slight_acceleration(
-        fix(np.array([0.0, 0.3, 0.0]), 0.02, 11.0), fix(np.array([0.0, 0.8, 0.0]), 0.02, 10.0)
+        velocity(np.array([0.0, 0.3, 0.0]), 0.02, 11.0), velocity(np.array([0.0, 0.8, 0.0]), 0.02, 10.0)
     )
     assert braked == pytest.approx(0.5, rel=0.01)
 
@@ -103,5 +109,5 @@ def test_noise_of_the_velocities_is_no_brake() -> None:
     """Mean square over many draws: what their sigmas explain is taken off."""
     rng = np.random.default_rng(4)
     v = rng.standard_normal((2000, 2, 3)) * 0.1
-    squares = [slight_acceleration(fix(b, 0.1, 11.0), fix(a, 0.1, 10.0)) ** 2 for a, b in v]
+    squares = [slight_acceleration(velocity(b, 0.1, 11.0), velocity(a, 0.1, 10.0)) ** 2 for a, b in v]
     assert np.mean(squares) < 0.5 * 6 * 0.1**2

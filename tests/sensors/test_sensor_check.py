@@ -11,7 +11,7 @@ import pytest
 import insgnss
 from insgnss.config.library import find
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.sensor_findings import sensor_findings
+from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.gnss_track import solve_track
@@ -83,7 +83,7 @@ def checked(folder: Path, track: GnssTrack, change: tuple[str, str], to: Path) -
     path.write_text(text.replace(*change))
     flight = Flight.load(path)
     found: dict[str, list[Finding]] = {}
-    for finding in sensor_findings(flight, track, None):
+    for finding in sensor_findings(read_sensor_logs(flight), track, None):
         found.setdefault(finding.topic, []).append(finding)
     return found
 

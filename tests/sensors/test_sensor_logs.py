@@ -82,18 +82,13 @@ def test_ecef_fixes_are_the_places_they_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.values, [[0.0, 0.0, 0.0]], atol=1e-8)
 
 
-def test_east_north_up_becomes_north_east_down(tmp_path: Path) -> None:
-    text = "time_s,ve,vn,vu,se,sn,su\n1,2.0,1.0,-3.0,0.2,0.1,0.3\n"
-    columns = {"velocity": ["ve", "vn", "vu"], "sigma": ["se", "sn", "su"]}
-    table, _ = read(tmp_path, text, "velocity", axes="enu", columns=columns)
-    np.testing.assert_allclose(table.values, [[1.0, 2.0, 3.0]])
-    np.testing.assert_allclose(table.sigma, [[0.1, 0.2, 0.3]])
-
-
-def test_north_east_up_becomes_north_east_down(tmp_path: Path) -> None:
-    text = "time_s,vn,ve,vu,sn,se,su\n1,1.0,2.0,-3.0,0.1,0.2,0.3\n"
-    columns = {"velocity": ["vn", "ve", "vu"], "sigma": ["sn", "se", "su"]}
-    table, _ = read(tmp_path, text, "velocity", axes="neu", columns=columns)
+@pytest.mark.parametrize("axes", ["enu", "neu"])
+def test_components_in_another_order_become_north_east_down(tmp_path: Path, axes: str) -> None:
+    values, sigmas = {"n": "1.0", "e": "2.0", "u": "-3.0"}, {"n": "0.1", "e": "0.2", "u": "0.3"}
+    names, stated = [f"v{k}" for k in axes], [f"s{k}" for k in axes]
+    cells = [values[k] for k in axes] + [sigmas[k] for k in axes]
+    text = f"time_s,{','.join([*names, *stated])}\n1,{','.join(cells)}\n"
+    table, _ = read(tmp_path, text, "velocity", axes=axes, columns={"velocity": names, "sigma": stated})
     np.testing.assert_allclose(table.values, [[1.0, 2.0, 3.0]])
     np.testing.assert_allclose(table.sigma, [[0.1, 0.2, 0.3]])
 

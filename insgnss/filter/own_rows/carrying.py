@@ -1,21 +1,21 @@
-"""Fixes that carry a filter and contradict it: the filter is doubted, not the fixes.
+"""Fixes that contradict a filter without raw GNSS data: the filter is doubted, not the fixes.
 
-With raw GNSS data, fixes that contradict the filter are refused. Without, the filter has nothing else: one that refuses
-its fixes drifts away from them, and is lost. What contradicts them is the inertial navigation: a sensor noisier than
-its grade, as on a vibrating mount, or with a wrong time.
+With raw GNSS data, fixes that contradict the filter are refused. Without, they are all that it has: if it refuses them,
+it drifts away from them and is lost. The cause is the inertial navigation: the sensor is noisier than its grade, as on
+a vibrating mount, or its time is wrong.
 
 - The filter finds how noisy the inertial samples are. Their white noise is exp(w) times that of the grade, and
 
       w <- max(0, w + dt (mean[min(y^2 / S, 9)] - 1) / 30 s),
 
   dt the time since the fix before, up to a second, y the innovations of a fix and S their variances. So w rises until
-  the normalised squared innovations are 1 on average. Where fixes with errors of 5 s are right, sigmas are up to a
-  tenth larger by it.
+  the normalised squared innovations are 1 on average. If all errors are as stated and those of the fixes last 5 s, the
+  sigmas become up to a tenth larger.
 - From a fix that is 5 sigma away to the next that the gate takes, each fix widens the sigmas of position, velocity and
   attitude by a factor exp(dt / 2 s), and adds dt / 2 s to w. Fixes that stay 10 sigma away are used after some two
   seconds, and by the covariance they correct the attitude too. Normal errors are 5 sigma away once in two million.
 
-Of several open headings the one counts that the fixes fit best. An event says where the noise is three times that of
+While several headings are open, the one that fits the fixes best counts. An event reports noise of three times that of
 the grade.
 """
 
@@ -82,7 +82,7 @@ class _Against(NamedTuple):
 
 def _against(entries: Iterable[OwnEntry], name: str) -> _Against:
     found = [entry for entry in entries if entry.kind == name and entry.status in (USED, GATED)]
-    nis = [entry.innovation**2 / entry.variance for entry in found if 0.0 < entry.variance < math.inf]
+    nis = [entry.nis for entry in found if math.isfinite(entry.nis)]
     if not nis:
         return _Against(refused=False)
     mean = sum(min(each, _MOST) for each in nis) / len(nis)
@@ -117,8 +117,8 @@ def _in_words(kind: Kind, *, told: bool) -> tuple[str, str]:
     if not told:
         return "filter_agrees", f"the filter agrees with '{kind.name}' again"
     detail = (
-        f"'{kind.name}' carries the filter and contradicts it: the filter takes the inertial noise for more than three"
-        f" times that of its grade; look for: grade of the inertial sensor (a vibrating mount is noisier), its axes and"
-        f" time; of '{kind.name}': {kind.hint}"
+        f"'{kind.name}' disagrees with the filter, which has no raw GNSS data: now more than three times the inertial"
+        f" noise of the grade is assumed; look for: grade of the inertial sensor (a vibrating mount is noisier), its"
+        f" axes and time; of '{kind.name}': {kind.hint}"
     )
     return "filter_doubted", detail

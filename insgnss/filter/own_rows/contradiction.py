@@ -36,9 +36,8 @@ def watch(head: HeadRecord, kinds: Iterable[Kind], entries: Iterable[OwnEntry], 
     """Carry the mean of each watched kind on with the rows of a time, and note which contradict."""
     found: dict[str, list[float]] = {}
     for entry in entries:
-        nis = entry.innovation**2 / entry.variance if entry.variance > 0.0 else math.nan
-        if math.isfinite(nis):
-            found.setdefault(entry.kind, []).append(min(nis, _MOST))
+        if math.isfinite(entry.nis):
+            found.setdefault(entry.kind, []).append(min(entry.nis, _MOST))
     mean, last_ns, contradicts = head.own_nis, head.own_nis_ns, head.own_contradicts
     for kind in kinds:
         values = found.get(kind.name)

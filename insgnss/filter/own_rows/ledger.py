@@ -19,6 +19,11 @@ class OwnEntry(NamedTuple):
     variance: float  # of the innovation; NaN where nothing was predicted
     status: int  # of ``status``
 
+    @property
+    def nis(self) -> float:
+        """Its normalised squared innovation; NaN where nothing was predicted."""
+        return self.innovation**2 / self.variance if self.variance > 0.0 else math.nan
+
 
 def complete_ledger(
     own: OwnMeasurements,

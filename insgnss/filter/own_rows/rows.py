@@ -65,7 +65,7 @@ class Measurement(Protocol):
     - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
       samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
-    - ``carrying``: True where the filter has nothing else to hold it: if they contradict it, the filter is doubted
+    - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``).
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
@@ -170,7 +170,7 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     Raises
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; ``name``, ``times_ns`` or ``rows`` is missing; there is no room for so many that are watched or carry
+        positive; ``name``, ``times_ns`` or ``rows`` is missing; more than 8 kinds are watched, or more than 8 carry
     """
     kinds = tuple(_checked_kind(each, place) for place, each in enumerate(measurements))
     if not kinds:

@@ -69,7 +69,7 @@ def _refused(name: str, hint: str, rows: list[OwnEntry], since_ns: int, t_ns: in
     if all(row.status == BAD_VALUE for row in rows):
         why = "it gives no usable number"
     else:
-        ratio = max(abs(row.innovation) / math.sqrt(row.variance) for row in rows if row.variance > 0.0)
+        ratio = math.sqrt(max(row.nis for row in rows if row.variance > 0.0))
         why = f"it contradicts the filter by {ratio:.0f} sigma"
     look = f"; look for: {hint}" if hint else ""
     return Event(t_ns, "sensor_refused", f"'{name}' has been refused since {seconds:.0f} s: {why}{look}")

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.filter.parameters import KindNumbers, Parameters
+from insgnss.filter.start.rest import MeasuredVelocity
 from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
@@ -50,6 +51,11 @@ class Fix:
     def n_used(self) -> int:
         """Number of pseudoranges in the solution."""
         return int(self.used[PSEUDORANGE].sum())
+
+    @property
+    def velocity(self) -> MeasuredVelocity | None:
+        """The antenna's velocity, ECEF; None without range rates."""
+        return None if self.v_a is None else MeasuredVelocity(self.t_ns, self.v_a, self.P_v[:3, :3])
 
     def clock_variance(self, group: int) -> float:
         """Return the variance of a group's clock [m^2]."""

@@ -84,19 +84,6 @@ def mean_acceleration(fix: Fix, earlier: Fix, v_a: Float64, P_v: Float64, f_b: F
     return MeanAcceleration(K @ change, math.sqrt(A * (3.0 - float(np.trace(K)))), 1.0)
 
 
-def slight_acceleration(fix: Fix, earlier: Fix) -> float:
-    """Return the acceleration that two velocities of a vehicle at rest leave possible [m/s^2].
-
-    Equation: a^2 = (|v - v'|^2 - tr(P_v + P_v')) / T^2, the mean square beyond their own sigmas. A car counts as at
-    rest in the last moment of its brake, whose 0.5 m/s^2 are 3 deg of the level.
-    """
-    assert fix.v_a is not None  # for the type checker: range rates have shown the rest
-    assert earlier.v_a is not None
-    change = fix.v_a - earlier.v_a
-    beyond = float(change @ change) - float(np.trace(fix.P_v[:3, :3] + earlier.P_v[:3, :3]))
-    return math.sqrt(max(beyond, 0.0)) * NS_PER_S / (fix.t_ns - earlier.t_ns)
-
-
 def _prior_variance(r_e: Float64, f_b: Float64) -> float:
     g_e = np.zeros(3)
     normal_gravity_ecef(r_e, g_e)

@@ -139,14 +139,6 @@ def attitudes_at_start(
     return found
 
 
-def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
-    """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be."""
-    start = config.start
-    steady = window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
-    most = start.rest_rate_degps + 3.0 * grade.gyro_bias_deg_per_h / 3600.0
-    return bool(steady and np.degrees(np.abs(window.w_ib_b)).max() <= most)
-
-
 def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[StartHeading]:
     """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
 

@@ -14,7 +14,8 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
 from insgnss.filter.start.fix import Fix, fix_epoch
-from insgnss.filter.start.mean_acceleration import levelling_motion, slight_acceleration
+from insgnss.filter.start.mean_acceleration import levelling_motion
+from insgnss.filter.start.rest import samples_show_rest, slight_acceleration, velocities_show_rest
 from insgnss.filter.start.start import (
     Kinematics,
     StartHeading,
@@ -24,7 +25,6 @@ from insgnss.filter.start.start import (
     kinematics_from_fix,
     open_bank,
     open_headings,
-    samples_show_rest,
 )
 from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
@@ -38,8 +38,6 @@ from insgnss.tables import Event, Float64
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
 _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
 _LEAST_RATES = 4  # for a velocity and a clock drift
-# What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
-_REST_ALLOWANCE_MPS = 0.5
 _WAIT_FIXES = 3  # after a gap, for a second velocity
 _VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
@@ -151,8 +149,9 @@ class Starter:
             return None, fix, []  # the acceleration, without which nothing says which way is up
         at_rest = self._at_rest(window, fix, earlier)
         a_e, sd_a = None, 0.0
-        if at_rest and earlier is not None:
-            sd_a = slight_acceleration(fix, earlier)
+        now, before = fix.velocity, None if earlier is None else earlier.velocity
+        if at_rest and now is not None and before is not None:
+            sd_a = slight_acceleration(now, before)
         elif not at_rest:
             window, mean = levelling_motion(imu, fix, earlier, v_a, P_v, window)
             if mean.excess > 1.0 and patient:
@@ -180,14 +179,10 @@ class Starter:
 
         GNSS says so by its range rates alone: slow now, and not braking since the ``earlier`` fix.
         """
-        start = self.setup.config.start
-        if fix.v_a is None:
+        now = fix.velocity
+        if now is None:
             return False
-        slow = float(np.linalg.norm(fix.v_a)) < start.rest_speed_mps + _allowance(fix.P_v)
-        if earlier is not None and earlier.v_a is not None:
-            change = float(np.linalg.norm(fix.v_a - earlier.v_a))
-            most = start.rest_acceleration_mps2 * (fix.t_ns - earlier.t_ns) / NS_PER_S
-            slow = slow and change < most + _allowance(fix.P_v + earlier.P_v)
+        slow = velocities_show_rest(now, None if earlier is None else earlier.velocity, self.setup.config)
         return slow and samples_show_rest(window, self.setup.config, self.setup.grade)
 
     def _given_start(
@@ -243,11 +238,6 @@ class Starter:
         return open_bank(
             kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
         )
-
-
-def _allowance(P_v: Float64) -> float:
-    """Return three sigmas of a velocity, at most what rest allows [m/s]."""
-    return min(3.0 * math.sqrt(float(np.trace(P_v[:3, :3]))), _REST_ALLOWANCE_MPS)
 
 
 class EpochView(NamedTuple):

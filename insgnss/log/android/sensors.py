@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_MS, NS_PER_S
+from insgnss.constants import NS_PER_MS, NS_PER_S, SIGMA_PER_MEDIAN
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
@@ -171,4 +171,4 @@ def _elapsed_to_gps(elapsed: Int64, gps: Int64, usable: Bool) -> tuple[int, int,
 def _without_outliers(values: Float64) -> Bool:
     """Return which values lie within five robust sigmas of the median, and a millisecond."""
     deviation = np.abs(values - np.median(values))
-    return np.asarray(deviation <= 5 * 1.4826 * np.median(deviation) + NS_PER_MS)
+    return np.asarray(deviation <= 5 * SIGMA_PER_MEDIAN * np.median(deviation) + NS_PER_MS)

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.config.imu import ImuGrade
-from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import GAP_STEPS
@@ -27,7 +27,6 @@ SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
 GRAVITY_TOLERANCE: Final = 0.01
 NOISY: Final = 3.0  # noise over that of the grade
 MIN_NOISE_PAIRS: Final = 10  # of neighbouring windows: their median is known to a fifth
-NORMAL_MEDIAN: Final = 0.6745  # median of a normal error's size over its sigma
 LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
 
@@ -135,13 +134,14 @@ def _noise_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list
     if both.sum() < MIN_NOISE_PAIRS:
         return []
     findings = []
-    for sensor, means, per_unit, unit, key in (
-        ("gyros", np.rad2deg(windows.w_ib_b), 60.0, "deg/sqrt(h)", "gyro_arw_deg_per_sqrt_h"),
-        ("accelerometers", windows.f_b, 60.0, "m/s/sqrt(h)", "accel_vrw_mps_per_sqrt_h"),
+    for sensor, means, unit, key in (
+        ("gyros", np.rad2deg(windows.w_ib_b), "deg/sqrt(h)", "gyro_arw_deg_per_sqrt_h"),
+        ("accelerometers", windows.f_b, "m/s/sqrt(h)", "accel_vrw_mps_per_sqrt_h"),
     ):
         steps = np.abs(np.diff(means, axis=0)[both])
-        deviation = float(np.median(steps, axis=0).max()) / (NORMAL_MEDIAN * np.sqrt(2.0))
-        found, stated = per_unit * deviation * np.sqrt(windows.length_s), float(getattr(grade, key))
+        deviation = SIGMA_PER_MEDIAN * float(np.median(steps, axis=0).max()) / np.sqrt(2.0)
+        found = 60.0 * deviation * np.sqrt(windows.length_s)  # an hour is the square of 60 s
+        stated = float(getattr(grade, key))
         if found > NOISY * stated:
             text = f"at rest the {sensor} have a noise of {found:.2g} {unit}, the grade {stated:.2g}"
             advice = f"a vibrating mount or another sensor: choose a grade that allows for it, or {key} in [imu.grade]"

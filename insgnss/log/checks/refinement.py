@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.constants import SIGMA_PER_MEDIAN
 from insgnss.log.checks.motion_fit import MODEL_SIGMA_MPS, Path, at_times, best_rotation, integrate, rotate
 from insgnss.log.checks.stretches import SPACING_S, STEP_S, GnssStretch, InertialGrid
 from insgnss.tables import Float64
@@ -77,7 +78,7 @@ def refine(
             _rows(stretch, nodes[i], float(grid.start_s[i]), gyro_map, handed, x)
             for i, stretch in enumerate(chosen)
         ]
-        scale = 1.4826 * float(np.median(np.abs(np.concatenate([r for _, r in parts]))))
+        scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(np.concatenate([r for _, r in parts]))))
         N, rhs, squares, count = _normal(parts, max(scale, 1e-3))
         variance = max(squares / max(count, 1.0), 1e-6) * max(1.0, CORRELATION_S / _spacing(chosen))
         P = np.linalg.inv(N / variance + np.diag(1.0 / prior**2))

@@ -7,7 +7,7 @@ are neglected: metres and tenths of m/s.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -60,22 +60,42 @@ class _LocalTrack(NamedTuple):
     place: Float64
 
 
-def sensor_findings(flight: Flight, track: GnssTrack | None, imu: ImuTable | None) -> list[Finding]:
-    """Return the findings on each further sensor; one whose log cannot be read is a finding too."""
+class SensorLogRead(NamedTuple):
+    """A further sensor's log, read, and what reading has found."""
+
+    config: Sensor
+    table: SensorTable | None  # None: no log, or it cannot be read
+    findings: list[Finding]
+
+
+def read_sensor_logs(flight: Flight) -> list[SensorLogRead]:
+    """Read the log of each further sensor; one that cannot be read is a finding."""
+    return [_read(config, flight.config.gps_week) for config in flight.config.sensor]
+
+
+def _read(config: Sensor, week: int) -> SensorLogRead:
+    if not config.files:
+        told = Finding("ok", config.label, "has no log: its values come live")
+        return SensorLogRead(config, None, [told])
+    try:
+        table, events = read_sensor(config, week)
+    except InsGnssError as error:
+        text = f"{error.place()}: {error.message}" if error.place() else error.message
+        return SensorLogRead(config, None, [Finding("error", config.label, text, error.advice)])
+    found = from_events(config.label, events, frozenset({"columns_not_read", "csv_delimiter"}))
+    return SensorLogRead(config, table, [*found, _rate(config, table)])
+
+
+def sensor_findings(
+    logs: Iterable[SensorLogRead], track: GnssTrack | None, imu: ImuTable | None
+) -> list[Finding]:
+    """Return the findings on each further sensor, with those of reading its log."""
     gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
     findings = []
-    for config in flight.config.sensor:
-        if not config.files:
-            findings.append(Finding("ok", config.label, "has no log: its values come live"))
+    for config, table, of_reading in logs:
+        findings += of_reading
+        if table is None:
             continue
-        try:
-            table, events = read_sensor(config, flight.config.gps_week)
-        except InsGnssError as error:
-            text = f"{error.place()}: {error.message}" if error.place() else error.message
-            findings.append(Finding("error", config.label, text, error.advice))
-            continue
-        findings += from_events(config.label, events, frozenset({"columns_not_read", "csv_delimiter"}))
-        findings.append(_rate(config, table))
         if imu is not None and (table.t_ns[-1] < imu.t_ns[0] or table.t_ns[0] > imu.t_ns[-1]):
             text = "no time in common with the inertial log"
             findings.append(Finding("warning", config.label, text, "check its time.unit, origin, offset_s"))
