@@ -20,6 +20,7 @@ PARTS = ("imu", "gnss", "reference")
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
+    from insgnss.log.receiver import ReceiverLog
 
 
 def convert(
@@ -58,7 +59,7 @@ def convert(
 
     If measurements and inertial samples are in two files, give both in one call: of one maker, or of two (an
     autopilot's ULog and its receiver's UBX). One of them holds measurements, one inertial samples. The receiver's own
-    solution becomes reference.csv.
+    solution becomes reference.csv; fixes that stand beside it, as in an autopilot's log, become fixes.csv.
     """
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
@@ -144,6 +145,13 @@ def _digest(done: Conversion) -> dict[str, Any]:
     }
 
 
+def _without_measurements(log: ReceiverLog) -> str:
+    """Return what stands in for measurements, and where they may be."""
+    fixes = log.satellite_fixes()
+    held = "" if fixes is None else f": {len(fixes.t_ns)} fixes of the receiver take their place"
+    return f"no raw measurements{held}; a file that holds them: convert it in one call with this one, into a new folder"
+
+
 def _summary(done: Conversion) -> list[str]:
     import numpy as np
 
@@ -161,15 +169,13 @@ def _summary(done: Conversion) -> list[str]:
             + (f"; {without} of them without a pseudorange" if without else "")
         )
     else:
-        lines.append(
-            "no raw measurements: convert the file that holds them in one call with this one, into a new folder"
-        )
+        lines.append(_without_measurements(done.log))
     if done.messages:
         lines.append(f"{done.messages} broadcast messages")
     if done.log.imu is not None:
         lines.append(f"{len(done.log.imu.t_ns)} inertial samples, in the sensor's axes")
     if done.log.solution is not None:
-        whose = "simulator's truth" if done.log.solution_is_truth else "receiver's own solution"
+        whose = "simulator's truth" if done.log.solution_from == "truth" else "receiver's own solution"
         lines.append(f"{len(done.log.solution.t_ns)} rows of the {whose}")
     lines += [finding.line() for finding in from_events("input", done.events, frozenset())]
     lines += [f"wrote {path}" for path in done.written]

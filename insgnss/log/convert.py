@@ -15,6 +15,7 @@ from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_referenc
 from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import Format, detect_format
 from insgnss.log.first_flight_file import (
+    FIXES_FILE,
     FLIGHT_FILE,
     GNSS_FILE,
     IMU_FILE,
@@ -65,7 +66,8 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     events += found
     gnss, found = states_beside(log.gnss, navigation)
     events += found
-    log = replace(log, gnss=gnss)
+    # beside measurements, which hold more, the fixes are of no use
+    log = replace(log, gnss=gnss, fixes=None if len(gnss.t_ns) else log.fixes)
     if log.navigation is not None and not log.navigation.has_messages and gnss.sat is None:
         detail = "no complete ephemeris in the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
@@ -102,6 +104,7 @@ def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
         *((IMU_FILE,) if log.imu is not None else ()),
         *(samples.file for samples in log.further),
         *((REFERENCE_FILE,) if log.solution is not None else ()),
+        *((FIXES_FILE,) if log.fixes is not None else ()),
     ]
 
 
@@ -121,6 +124,8 @@ def _write_tables(log: ReceiverLog, folder: Path) -> int:
         write_samples_csv(folder / samples.file, samples, week)
     if log.solution is not None:
         write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
+    if log.fixes is not None:
+        write_reference_csv(folder / FIXES_FILE, log.fixes, week)
     return messages
 
 
@@ -145,7 +150,7 @@ def _read(
 def _copies(paths: Sequence[Path], log: ReceiverLog) -> dict[str, Path]:
     """Return the navigation files by the names of their copies, numbered where a name is taken."""
     copies: dict[str, Path] = {}
-    taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE}
+    taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, REFERENCE_FILE, FIXES_FILE, FLIGHT_FILE}
     taken |= {samples.file for samples in log.further}
     for number, path in enumerate(paths, 1):
         name = path.name if path.name not in taken else f"{number}_{path.name}"

@@ -8,16 +8,19 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.config.flight import ReferenceColumns
 from insgnss.constants import NS_PER_WEEK
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.further_samples import BAROMETER, FurtherSamples
-from insgnss.log.own_solution import OWN_SOLUTION, has_attitude
+from insgnss.log.own_solution import OWN_SOLUTION
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.satellites import channel_of_name
+from insgnss.tables import ReferenceTable
 
 GNSS_FILE: Final = "gnss_obs.csv"
 IMU_FILE: Final = "imu.csv"
 REFERENCE_FILE: Final = "reference.csv"
+FIXES_FILE: Final = "fixes.csv"  # where the reference is another's
 NAVIGATION_FILE: Final = "navigation.rnx"
 FLIGHT_FILE: Final = "flight.toml"
 
@@ -39,7 +42,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
     first_ns = log.span_ns()[0]
     when = f"{ns_to_datetime(first_ns):%Y-%m-%d %H:%M:%S} GPS time"
     named = _comment(", ".join(path.name for path in sources))
-    others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE, *(samples.file for samples in log.further)}
+    others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE, FIXES_FILE, *(samples.file for samples in log.further)}
     lines = [
         f"# First flight file, from {named} ({when}).",
         "# DECLARE marks what no log states: complete each of them before you trust a result.",
@@ -48,7 +51,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
         *_imu_lines(log),
         "",
         *_gnss_lines(log, [name for name in written if name not in others]),
-        *_position_lines(log),
+        *_fixes_lines(log),
         *_reference_lines(log),
         *(line for samples in log.further for line in _sensor_lines(samples, log)),
     ]
@@ -89,7 +92,7 @@ def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
         return [
             f"# DECLARE: the log has no raw measurements, {GNSS_FILE} does not exist. Convert the file that holds them",
             "# in one call with this one, into a new folder, or name another log of the same flight under [gnss].",
-            *(_as_comments(lines) if _has_positions_alone(log) else lines),
+            *(_as_comments(lines) if _fixes_in_place(log) is not None else lines),
         ]
     known = {sv: k for sv, k in log.gnss.glonass_channels.items() if channel_of_name(sv) is None}
     if known:
@@ -98,31 +101,38 @@ def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
     return lines
 
 
-def _has_positions_alone(log: ReceiverLog) -> bool:
-    """Return whether the receiver's fixes are the log's only data from satellites.
+def _fixes_in_place(log: ReceiverLog) -> ReferenceTable | None:
+    """Return the receiver's fixes where they are the log's only data from satellites, else None.
 
     Positions of a filter with inertial data do not count: they hold these samples already.
     """
-    if len(log.gnss.t_ns) or log.solution is None or log.solution_is_truth:
-        return False
-    return not has_attitude(log.solution)
+    return None if len(log.gnss.t_ns) else log.satellite_fixes()
 
 
-def _position_lines(log: ReceiverLog) -> list[str]:
-    """Return the receiver's fixes as a sensor of positions, in place of measurements."""
-    solution = log.solution
-    if solution is None or not _has_positions_alone(log):
+def _fixes_lines(log: ReceiverLog) -> list[str]:
+    """Return the receiver's fixes as sensors of position and velocity, in place of measurements."""
+    fixes = _fixes_in_place(log)
+    if fixes is None:
         return []
+    file = f'files = ["{REFERENCE_FILE if log.fixes is None else FIXES_FILE}"]'
+    lever = "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down"
     lines = [
         "",
-        "# The receiver's fixes are used in place of raw measurements: remove this entry when you have a [gnss].",
-        "[[sensor]]",
-        'kind = "position"',
-        f'files = ["{REFERENCE_FILE}"]',
-        "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
+        "# The receiver's fixes are used in place of raw measurements: remove them when you have a [gnss].",
+        *("[[sensor]]", 'kind = "position"', file, lever),
     ]
-    if solution.sigma is None or np.isnan(solution.sigma[:, :3]).any():
+    sigma = np.full((len(fixes.t_ns), 6), np.nan) if fixes.sigma is None else fixes.sigma[:, :6]
+    if np.isnan(sigma[:, :3]).any():
         lines.append("sigma_m = [5.0, 5.0, 10.0]  # DECLARE: north, east, down, where the log states none")
+    measured = [bool(np.isfinite(component).any()) for component in fixes.v_n.T]
+    if any(measured):
+        known = zip(ReferenceColumns().velocity, measured, strict=True)
+        names = ", ".join(f'"{name}"' if found else '"none"' for name, found in known)
+        lines += ["", "[[sensor]]", 'kind = "velocity"', file, f"columns = {{ velocity = [{names}] }}", lever]
+        if np.isnan(sigma[:, 3:][:, measured]).any():
+            lines.append(
+                "sigma_mps = [0.3, 0.3, 0.5]  # DECLARE: north, east, down, where the log states none"
+            )
     return lines
 
 
@@ -166,9 +176,11 @@ def _reference_lines(log: ReceiverLog) -> list[str]:
         f"# The receiver's own solution with its sigmas{mark}: computed from the same signals, not independent"
         " truth."
     )
-    if log.solution_is_truth:
+    if log.solution_from == "truth":
         own = "# The truth of the simulator."
-    elif _has_positions_alone(log):
+    elif log.solution_from == "filter" and log.fixes is not None:
+        own = f"# The filter's own solution with its sigmas{mark}: computed from the same fixes, not independent truth."
+    elif _fixes_in_place(log) is not None:
         own = "# While the fixes are a sensor they are not a reference: a result must not be compared with its input."
         lines = _as_comments(lines)
     return ["", own, *lines]

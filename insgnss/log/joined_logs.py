@@ -82,7 +82,7 @@ def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
         further=inertial.log.further,
         solution=solution.log.solution,
         solution_point=solution.log.solution_point,
-        solution_is_truth=solution.log.solution_is_truth,
+        solution_from=solution.log.solution_from,
         events=[event for one in logs for event in one.log.events] + _not_used(logs, inertial, solution),
     )
 

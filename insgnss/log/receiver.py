@@ -13,6 +13,8 @@ from insgnss.errors import InputError
 from insgnss.log.further_samples import FurtherSamples, most_samples
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
+SolutionFrom = Literal["satellites", "filter", "truth"]
+
 
 @dataclass(frozen=True)
 class ReceiverLog:
@@ -28,8 +30,14 @@ class ReceiverLog:
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
     # whose place the solution is, unless configured otherwise
     solution_point: Literal["imu", "antenna"] = "antenna"
-    solution_is_truth: bool = False  # a simulator's
+    # satellites: fixes alone; filter: with inertial data; truth: a simulator's
+    solution_from: SolutionFrom = "satellites"
+    fixes: ReferenceTable | None = None  # of satellites alone, beside a solution that is another's
     further: tuple[FurtherSamples, ...] = ()  # one of a kind at most
+
+    def satellite_fixes(self) -> ReferenceTable | None:
+        """Return the receiver's fixes from satellites alone, which may take the place of measurements."""
+        return self.solution if self.solution_from == "satellites" else self.fixes
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and last GPS time of the measurements, without any of the samples, else of the solution."""

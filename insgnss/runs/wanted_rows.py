@@ -155,6 +155,12 @@ def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Even
     ------
     ConfigError : there was none at any of them
     """
+    if isinstance(output, int | float) and not len(nav_ns):
+        raise ConfigError(
+            f"no row: between the filter's start and the last inertial sample no time of {output:g} Hz comes",
+            key="output",
+            advice="give a higher rate (--rate 10), or 'imu'; or log for longer",
+        )
     if not isinstance(output, np.ndarray):
         return []
     without = output[~np.isin(output, nav_ns)]

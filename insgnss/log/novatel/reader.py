@@ -85,4 +85,5 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         own,
         imu_is_mean=True,
         solution_point="imu" if is_inertial else "antenna",
+        solution_from="filter" if is_inertial else "satellites",
     )

@@ -73,7 +73,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told + without]
-    return ReceiverLog(gnss, found.navigation(), imu, named, own)
+    return ReceiverLog(gnss, found.navigation(), imu, named, own, solution_from="filter")
 
 
 def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]]:

@@ -1,8 +1,8 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
-Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT or
-NAV-TIMEGPS gives the time where there is no raw measurement. Everything else is counted. Read by
-``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
+Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVT, the
+receiver's own solution; it or NAV-TIMEGPS gives the time where there is no raw measurement. Everything else is counted.
+Read by ``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
-from insgnss.gpstime import LATEST_WEEK, datetime_to_ns, leap_seconds
+from insgnss.gpstime import LATEST_WEEK, leap_seconds
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.ubx.frames import UbxFrames, find_frames, frames_in
 from insgnss.log.ubx.imu import MEAS, RAW, imu_table
 from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
 from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
+from insgnss.log.ubx.solution import PVT, solution, solution_times
 from insgnss.tables import Event, ImuTable, Int64
 
-PVT: Final = 0x0107
 TIMEGPS: Final = 0x0120
 TM2: Final = 0x0D03
 KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, TIMEGPS, TM2}
@@ -34,10 +34,6 @@ _TM2_LAYOUT: Final = np.dtype(
     + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
 )
 _TIME_VALID, _NEW_RISE, _NEW_FALL, _UTC_BASE = 64, 128, 4, 16  # bits of the time mark's flags
-_PVT_LAYOUT: Final = np.dtype(
-    [("tow_ms", "<u4"), ("year", "<u2")]
-    + [(name, "u1") for name in ("month", "day", "hour", "minute", "second", "valid")]
-)
 _DATE_AND_TIME_VALID: Final = 3
 _TIMEGPS_LAYOUT: Final = np.dtype(
     [("tow_ms", "<u4"), ("tow_ns", "<i4"), ("week", "<i2"), ("leap_s", "i1"), ("valid", "u1"), ("", "<u4")]
@@ -47,11 +43,11 @@ _TIMEGPS_LAYOUT: Final = np.dtype(
 def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
     """Read UBX files (plain or gzipped) of one receiver, merged and in time order.
 
-    A file may hold inertial samples alone; the table of measurements is empty then.
+    A file may hold inertial samples or the receiver's own solution alone; the table of measurements is empty then.
 
     Raises
     ------
-    InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample in any
+    InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample nor solution
     """
     return _read([find_frames(path) for path in paths])
 
@@ -80,7 +76,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
                 advice="give the receiver's own log; NMEA holds no measurements",
             )
         part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
-        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _solution_times(frames)
+        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _other_times(frames)
         messages.add_file(frames, offset, t_ns)
         table, told = imu_table(frames, offset, t_ns)
         events += [*frames.events(KNOWN), *found, *told, *_time_marks(frames)]
@@ -88,10 +84,11 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         imu += [] if table is None else [table]
     gnss, told = observation_table(epochs, paths[0])
     joined_imu, joining = _joined_imu(imu, str(paths[0]))
-    if not len(gnss.t_ns) and joined_imu is None:
+    own, source, solved = solution(files)
+    if not len(gnss.t_ns) and joined_imu is None and own is None:
         why = "; ".join(event.detail for event in events if event.kind == "imu_not_used")
         raise InputError(
-            f"the UBX file holds no raw measurement and no inertial sample{': ' + why if why else ''}",
+            f"the UBX file holds no raw measurement, no inertial sample and no solution{': ' + why if why else ''}",
             file=paths[0],
             advice="configure the receiver to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides);"
             " receivers of the generations 4 to 6: UBX-RXM-RAW (and UBX-RXM-SFRB)",
@@ -99,8 +96,9 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
     leaps = np.concatenate([part.leap_s for part in epochs])
     if (leaps != -128).any():
         messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
-    events += [*told, *messages.events(str(paths[0]))]
-    return ReceiverLog(gnss, messages.broadcast.navigation(), joined_imu, events + joining)
+    events += [*told, *messages.events(str(paths[0])), *solved]
+    navigation = messages.broadcast.navigation()
+    return ReceiverLog(gnss, navigation, joined_imu, events + joining, own, solution_from=source)
 
 
 def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list[Event]]:
@@ -140,29 +138,9 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
     return events
 
 
-def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return the positions of the receiver's solutions (NAV-PVT, else NAV-TIMEGPS) in a file and their GPS times."""
-    if not frames.of(PVT):
-        return _gps_times(frames)
-    size = _PVT_LAYOUT.itemsize
-    offsets, times = [], []
-    for offset, length in frames.of(PVT):
-        if length < size:
-            continue
-        row = np.frombuffer(frames.data, _PVT_LAYOUT, 1, offset)[0]
-        if row["valid"] & _DATE_AND_TIME_VALID != _DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
-            continue
-        try:
-            utc = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
-        except ValueError:
-            continue  # no date of the calendar
-        # the date gives the week, the milliseconds of the week the time in it
-        midday = datetime_to_ns(utc) + NS_PER_S * 43_200
-        tow = int(row["tow_ms"]) * 1_000_000
-        half = NS_PER_WEEK // 2
-        offsets.append(offset)
-        times.append(midday + (tow - midday + half) % NS_PER_WEEK - half)
-    return np.array(offsets, dtype=np.int64), np.array(times, dtype=np.int64)
+def _other_times(frames: UbxFrames) -> tuple[Int64, Int64]:
+    """Return the positions of the receiver's solutions, else of NAV-TIMEGPS, in a file and their GPS times."""
+    return solution_times(frames) if frames.of(PVT) else _gps_times(frames)
 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:

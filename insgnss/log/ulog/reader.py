@@ -25,7 +25,7 @@ from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.ubx.reader import read_ubx_bytes
 from insgnss.log.ulog.definitions import check_definitions, sound_messages
-from insgnss.log.ulog.solution import FIXES, SOLUTION, TRUTH, sampled_us, solution
+from insgnss.log.ulog.solution import FIXES, SOLUTION, TRUTH, UlogSolution, sampled_us, solution
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
 INERTIAL: Final = ("vehicle_imu", "sensor_combined", "sensor_gyro")
@@ -70,7 +70,7 @@ def _tables(
     events += told
     raw, told = _raw(data, path)
     events += told
-    imu, own, is_truth = None, None, False
+    imu, found = None, UlogSolution()
     samples: list[FurtherSamples] = []
     if clock is None:
         events.append(
@@ -79,14 +79,14 @@ def _tables(
     else:
         imu, told = _inertial(data, clock, wanted.get("imu"))
         events += told
-        own, is_truth, told = solution(data, clock, wanted.get("reference"))
-        events += told
+        found = solution(data, clock, wanted.get("reference"))
+        events += found.events
         samples, told = _further(data, clock)
         events += told
     events += _not_read(wanted, data)
     advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
-    log = assembled(path, raw, imu, own, events, further=samples, holder="ULog", advice=advice)
-    return replace(log, imu_is_mean=True, solution_point="imu", solution_is_truth=is_truth)
+    log = assembled(path, raw, imu, found.table, events, further=samples, holder="ULog", advice=advice)
+    return replace(log, imu_is_mean=True, solution_point="imu", solution_from=found.source, fixes=found.fixes)
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:

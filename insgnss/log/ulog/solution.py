@@ -8,7 +8,7 @@ the difference of the receiver's two heights is added. A simulator writes its tr
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from insgnss.constants import NS_PER_US
 from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.boot_time import BootClock, dated
 from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.receiver import SolutionFrom
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 FIXES: Final = ("vehicle_gps_position", "sensor_gps")
@@ -30,10 +31,18 @@ _LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or a
 Data = Mapping[tuple[str, int], Any]
 
 
-def solution(
-    data: Data, clock: BootClock, wanted: str | None
-) -> tuple[ReferenceTable | None, bool, list[Event]]:
-    """Return the reference, None when the log has none, whether it is a simulator's truth, and what it is.
+@dataclass(frozen=True)
+class UlogSolution:
+    """The reference of a log, and its receiver's fixes where the reference is another's."""
+
+    table: ReferenceTable | None = None
+    source: SolutionFrom = "satellites"
+    fixes: ReferenceTable | None = None
+    events: list[Event] = field(default_factory=list)
+
+
+def solution(data: Data, clock: BootClock, wanted: str | None) -> UlogSolution:
+    """Return the best solution of the log, and beside another's the receiver's fixes.
 
     Parameters
     ----------
@@ -42,19 +51,19 @@ def solution(
     """
     name = None if wanted is None else wanted.partition(":")[0]
     fixes = max(
-        (key for key in data if key[0] in FIXES and name in (None, key[0])),
+        (key for key in data if key[0] in FIXES and (name not in FIXES or name == key[0])),
         key=lambda key: len(data[key]["timestamp"]),
         default=None,
     )
+    fixed, told = (None, []) if fixes is None else _fixes(data[fixes], fixes[0])
     for topics in (TRUTH, SOLUTION):
         if (topics[0], 0) in data and name in (None, topics[0]):
             found, events = _filtered(data, clock, topics)
             if found is not None or wanted is not None:
-                return found, topics is TRUTH, events
-    if fixes is None:
-        return None, False, []
-    found, events = _fixes(data[fixes], fixes[0])
-    return found, False, events
+                return UlogSolution(found, "truth" if topics is TRUTH else "filter", fixed, events)
+    if name in (None, *FIXES):
+        return UlogSolution(fixed, events=told)
+    return UlogSolution(fixes=fixed)
 
 
 def _filtered(
