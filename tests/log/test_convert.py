@@ -225,8 +225,8 @@ def test_command_says_that_a_log_of_samples_needs_its_measurements(tmp_path: Pat
 @pytest.mark.parametrize(
     ("name", "samples", "solution"),
     [
-        ("ubx_inertial/ublox-neo-m8l.log", 210, 0),
-        ("ubx_inertial/ublox-neo-m8u.log", 290, 0),
+        ("ubx_inertial/ublox-neo-m8l.log", 210, 19),
+        ("ubx_inertial/ublox-neo-m8u.log", 290, 3),
         ("sbf_inertial/sbf_binary.sbf", 5564, 5565),
     ],
 )

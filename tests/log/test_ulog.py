@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given, settings
 from typer.testing import CliRunner
 
+import insgnss
 from insgnss.cli.main import app
-from insgnss.errors import InputError, InsGnssError
+from insgnss.errors import ConfigError, InputError, InsGnssError
 from insgnss.gpstime import utc_to_ns
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
@@ -166,7 +167,7 @@ def simulated() -> Ulog:
 def test_truth_of_a_simulator_is_the_reference(tmp_path: Path) -> None:
     log = read(tmp_path, simulated().data)
     true = log.solution
-    assert true is not None and log.solution_is_truth and (true.quality == 1.0).all()
+    assert true is not None and log.solution_from == "truth" and (true.quality == 1.0).all()
     assert true.lat_deg[4] == 47.00001 and true.h_m[4] == 547.5 and true.v_n[4].tolist() == [2.0, 2.0, 3.0]
     assert abs(true.rpy_deg[4, 2]) == 180.0 and true.sigma is not None and np.isnan(true.sigma).all()
     told = {event.kind: event.detail for event in log.events}
@@ -176,7 +177,7 @@ def test_truth_of_a_simulator_is_the_reference(tmp_path: Path) -> None:
 
 def test_solution_of_a_simulated_flight_is_the_reference_where_it_is_named(tmp_path: Path) -> None:
     log = read(tmp_path, simulated().data, reference="vehicle_global_position")
-    assert log.solution is not None and not log.solution_is_truth and log.solution.lat_deg[0] == 47.0
+    assert log.solution is not None and log.solution_from == "filter" and log.solution.lat_deg[0] == 47.0
     assert (log.solution.quality == 2.0).all()
 
 
@@ -187,6 +188,81 @@ def test_flight_file_of_a_simulation_calls_the_reference_truth(tmp_path: Path) -
     text = (tmp_path / "out" / "flight.toml").read_text()
     assert "20 rows of the simulator's truth" in told
     assert "# The truth of the simulator.\n[reference]" in text and "not independent" not in text
+    assert not (tmp_path / "out" / "fixes.csv").exists()  # the raw measurements hold more
+
+
+def standing(seconds: int) -> Ulog:
+    """Return a log of PX4 without raw measurements: a vehicle at rest, level, and PX4's own solution, 1 m north."""
+    log = Ulog()
+    log.topic("sensor_combined", COMBINED)
+    log.topic("vehicle_gps_position", GPS)
+    log.topic("vehicle_global_position", [("double", "lat"), ("double", "lon"), ("float", "alt")])
+    log.topic("vehicle_attitude", [("float[4]", "q")])
+    rng = np.random.default_rng(11)
+    for k in range(seconds):
+        utc = UTC_US + k * 1_000_000
+        log.row(
+            "vehicle_gps_position",
+            boot_us(k),
+            utc,
+            47.0,
+            8.0,
+            500.0,
+            547.5,
+            0.2,
+            1.5,
+            2.5,
+            0.0,
+            0.0,
+            0.0,
+            0,
+            3,
+        )
+        log.row("vehicle_global_position", boot_us(k), 47.0 + 9e-6, 8.0, 500.0)
+        log.row("vehicle_attitude", boot_us(k), (1.0, 0.0, 0.0, 0.0))
+        for j in range(50):
+            rate, force = rng.normal(0.0, 1e-3, 3), rng.normal([0.0, 0.0, -9.807], 0.01)
+            log.row("sensor_combined", boot_us(k + j / 50), tuple(rate), 20_000, 0, tuple(force), 20_000)
+    return log
+
+
+def test_autopilots_log_without_raw_measurements_is_replayed_with_its_receivers_fixes(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason="the extra 'ulog' is not installed")
+    (tmp_path / "log").write_bytes(standing(30).data)
+    told = CliRunner().invoke(app, ["convert", str(tmp_path / "log"), "-o", str(tmp_path / "out")]).output
+    assert "no raw measurements: 30 fixes of the receiver take their place" in told
+    text = (tmp_path / "out" / "flight.toml").read_text()
+    assert text.count('files = ["fixes.csv"]') == 2 and 'file = "reference.csv"' in text
+    assert (
+        "The filter's own solution" in text and "computed from the same fixes, not independent truth" in text
+    )
+    run = insgnss.replay(tmp_path / "out" / "flight.toml")
+    used = run.status_counts().loc["used"]
+    assert used["position"] > 60 and used["velocity"] > 60
+    last = run.nav.iloc[-1]
+    assert abs(last["lat_deg"] - 47.0) * 111e3 < last["sd_n_m"] and abs(last["h_m"] - 547.5) < last["sd_d_m"]
+    assert last["sd_yaw_deg"] > 90.0  # rest does not show the heading
+    assert run.errors is not None and run.errors["d_n_m"].median() == pytest.approx(-1.0, abs=0.2)
+
+
+def test_replay_of_less_than_a_second_of_fixes_asks_for_a_higher_rate(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason="the extra 'ulog' is not installed")
+    log = Ulog()
+    log.topic("sensor_combined", COMBINED)
+    log.topic("vehicle_gps_position", GPS)
+    # a start needs a second of samples, then half a second of fixes: the filter runs from 0.1 to 0.88 s of a second
+    for k in range(-90, 40):
+        after_s = 0.1 + k / 50
+        if k >= -25 and k % 5 == 0:
+            utc = UTC_US + round(after_s * 1e6)
+            log.row("vehicle_gps_position", boot_us(after_s), utc, 47.0, 8.0, 500.0, 547.5, 0.2, 1.5, 2.5, 0.0, 0.0,
+                    0.0, 0, 3)  # fmt: skip
+        log.row("sensor_combined", boot_us(after_s), (0.0, 0.0, 1e-4), 20_000, 0, (0.0, 0.0, -9.807), 20_000)
+    (tmp_path / "log").write_bytes(log.data)
+    convert([tmp_path / "log"], tmp_path / "out")
+    with pytest.raises(ConfigError, match=r"no time of 1 Hz(.|\n)*--rate 10"):
+        insgnss.replay(tmp_path / "out" / "flight.toml")
+    assert len(insgnss.replay(tmp_path / "out" / "flight.toml", output=10.0).nav) >= 3
 
 
 def test_dumped_bytes_of_the_receiver_give_raw_measurements(tmp_path: Path) -> None:

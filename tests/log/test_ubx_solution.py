@@ -1,0 +1,119 @@
+"""NAV-PVT of u-blox files becomes a reference, and the fixes that a log without raw measurements is replayed with."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.config.flight import Reference
+from insgnss.constants import NS_PER_WEEK
+from insgnss.errors import InputError
+from insgnss.log.convert import convert
+from insgnss.log.flight import Flight
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.reference import read_reference
+from insgnss.log.ubx.reader import read_ubx
+from tests.log.ubx_writing import frame, rawx
+
+NOON_MS = (4 * 24 + 12) * 3_600_000  # Thursday 28 August 2025, GPS time
+T0 = 2381 * NS_PER_WEEK + NOON_MS * 1_000_000
+
+
+def pvt(
+    after_ms: int = 0,
+    *,
+    fix: int = 3,
+    flags: int = 1,
+    valid: int = 7,
+    date: tuple[int, int, int] = (2025, 8, 28),
+    level_mm: int = 1500,
+) -> bytes:
+    """Return a NAV-PVT of 92 bytes, its fields placed by the interface description's table of offsets."""
+    body = bytearray(92)
+    struct.pack_into("<IHBB", body, 0, NOON_MS + after_ms, *date)
+    struct.pack_into("<B", body, 11, valid)
+    struct.pack_into("<BB", body, 20, fix, flags)
+    struct.pack_into("<iiii", body, 24, 85_000_001, -473_000_000, 612_345, 564_000)
+    struct.pack_into("<II", body, 40, level_mm, 2500)
+    struct.pack_into("<iii", body, 48, 1250, -2, 30)
+    struct.pack_into("<I", body, 68, 70)
+    return frame(0x0107, bytes(body))
+
+
+def read(folder: Path, *frames: bytes) -> ReceiverLog:
+    (folder / "log.ubx").write_bytes(b"".join(frames))
+    return read_ubx([folder / "log.ubx"])
+
+
+def test_solution_has_place_velocity_and_sigmas(tmp_path: Path) -> None:
+    log = read(tmp_path, pvt(), pvt(250, level_mm=2**32 - 1), pvt(250))
+    own = log.solution
+    assert own is not None and own.sigma is not None and log.solution_from == "satellites"
+    assert own.t_ns.tolist() == [T0, T0 + 250_000_000]  # of a repeated time the first
+    assert (own.lat_deg[0], own.lon_deg[0], own.h_m[0]) == pytest.approx(
+        (-47.3, 8.5000001, 612.345), abs=1e-9
+    )
+    assert own.v_n[0] == pytest.approx([1.25, -0.002, 0.03], abs=1e-12)
+    assert own.sigma[0, :6] == pytest.approx([1.5, 1.5, 2.5, 0.07, 0.07, 0.07], abs=1e-12)
+    assert np.isnan(own.sigma[1, :2]).all() and own.sigma[1, 2] == 2.5  # the largest number states nothing
+    assert np.isnan(own.rpy_deg).all() and (own.quality == 2.0).all()
+    assert "receiver's fixes" in {event.kind: event.detail for event in log.events}["reference_own"]
+
+
+def test_solutions_that_are_no_fix_are_left_out(tmp_path: Path) -> None:
+    others = [
+        pvt(1000, fix=2),  # without a height
+        pvt(2000, fix=1),  # dead reckoning
+        pvt(3000, flags=0),  # beyond the receiver's own limits
+        pvt(4000, valid=1),  # no time
+        pvt(5000, date=(2025, 2, 31)),
+        frame(0x0107, b"\0" * 20),
+    ]
+    own = read(tmp_path, pvt(), *others, pvt(6000)).solution
+    assert own is not None and own.t_ns.tolist() == [T0, T0 + 6 * 10**9]
+    assert read(tmp_path, pvt(), *others, rawx()).solution is None  # one fix is no track
+
+
+def test_date_beside_the_end_of_the_week_is_that_of_the_nearest_week(tmp_path: Path) -> None:
+    # 18 leap seconds: Saturday 23:59:50 UTC is in the next week of GPS time
+    frames = [pvt(k * 1000 - NOON_MS + 8000, date=(2025, 8, 30)) for k in range(2)]
+    own = read(tmp_path, *frames).solution
+    assert own is not None and own.t_ns[0] == 2382 * NS_PER_WEEK + 8 * 10**9
+
+
+def test_solution_with_the_receivers_inertial_sensor_stands_for_no_measurements(tmp_path: Path) -> None:
+    log = read(tmp_path, pvt(), pvt(1000, fix=4), pvt(2000, fix=4))
+    assert log.solution_from == "filter" and log.satellite_fixes() is None
+    assert log.solution is not None and len(log.solution.t_ns) == 3
+    assert "with its inertial sensor" in {e.kind: e.detail for e in log.events}["reference_own"]
+
+
+def test_file_of_fixes_alone_gives_sensors_of_position_and_velocity(tmp_path: Path) -> None:
+    read(tmp_path, *(pvt(1000 * k) for k in range(5)))
+    done = convert([tmp_path / "log.ubx"], tmp_path / "out")
+    assert [path.name for path in done.written] == ["reference.csv", "flight.toml"]
+    text = (tmp_path / "out" / "flight.toml").read_text()
+    assert 'kind = "velocity"\nfiles = ["reference.csv"]\ncolumns = { velocity = ["vn", "ve", "vd"] }' in text
+    assert "sigma_m" not in text and "sigma_mps" not in text
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert [sensor.kind for sensor in flight.config.sensor] == ["position", "velocity"]
+    assert flight.config.reference is None  # a result must not be compared with its input
+
+
+def test_file_with_one_fix_and_nothing_else_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no raw measurement, no inertial sample and no solution"):
+        read(tmp_path, pvt())
+
+
+@pytest.mark.real_data
+def test_real_solution_is_the_published_one(data_root: Path) -> None:
+    folder = data_root / "walk_boulder_20250828"
+    own = read_ubx([folder / "raw" / "gnss_1730.ubx"]).solution
+    published, _ = read_reference(Reference(file=folder / "reference.csv"), 2381)
+    assert own is not None and np.array_equal(own.t_ns, published.t_ns) and len(own.t_ns) == 536
+    for name, digit in (("lat_deg", 1e-7), ("lon_deg", 1e-7), ("h_m", 1e-3), ("v_n", 1e-3)):
+        apart = np.abs(getattr(own, name) - getattr(published, name))
+        assert apart.max() < 0.51 * digit, name
