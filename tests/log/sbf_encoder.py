@@ -99,6 +99,22 @@ def sensor(tow_s: float, rates_dps: tuple[float, ...] | None, forces: tuple[floa
     return block(4050, time(tow_s) + struct.pack("<BB", len(sets), 28) + b"".join(sets))
 
 
+def fix(tow_s: float, mode: int = 4, error: int = 0, accuracies_cm: tuple[int, int] | None = None) -> bytes:
+    """PVTGeodetic: every number a known function of the time; with accuracies it is of revision 2."""
+    body = time(tow_s) + struct.pack("<BBdddf", mode, error, 0.5, -1.5, 100.0 + tow_s % 100, -27.0)
+    body += struct.pack("<ffff", 4.0, 3.0, 0.5, -2e10)  # north, east, up, course
+    body += struct.pack("<dfBBBBHHIB", 0.1, 0.2, 0, 0, 12, 0, 0, 0, 1, 0)
+    if accuracies_cm is None:
+        return block(4007, body, revision=0)
+    return block(4007, body + struct.pack("<BHHHHB", 1, 0, 50, *accuracies_cm, 0), revision=2)
+
+
+def covariances(number: int, tow_s: float, variances: tuple[float, float, float], error: int = 0) -> bytes:
+    """PosCovGeodetic (5906) or VelCovGeodetic (5908)."""
+    others = (0.25, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
+    return block(number, time(tow_s) + struct.pack("<BB10f", 4, error, *variances, *others), revision=0)
+
+
 def ins_solution(tow_s: float, error: int = 0, parts: int = 0b11111, week: int = WEEK) -> bytes:
     """INSNavGeod: every number a known function of the time; ``parts`` names the sub-blocks that follow."""
     head = struct.pack("<BBHHdddf", 4, error, 0, 0, 0.5, -1.5, 100.0 + tow_s % 100, -27.0)

@@ -40,6 +40,7 @@ _LNAV: Final = (
     *_KEPLER_LNAV,
 )
 _KLOBUCHAR: Final = (*_TIME, ("svid", "u1"), ("", "u1"), ("coefficients", "<f4", (8,)))
+_COVARIANCES: Final = (*_TIME, ("mode", "u1"), ("error", "u1"), ("variance", "<f4", (3,)))
 _UTC: Final = (("a1", "<f4"), ("a0", "<f8"), ("tot_s", "<u4"), ("week_t", "u1"), ("leap", "i1"))
 
 
@@ -52,6 +53,8 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
 INS_NAV: Final = 4226
+PVT: Final = 4007
+POS_COV, VEL_COV = 5906, 5908
 GPS_NAV, GPS_ION, GPS_UTC = 5891, 5893, 5894
 GAL_NAV, GAL_ION = 4002, 4030
 GLO_NAV: Final = 4004
@@ -70,6 +73,13 @@ LAYOUTS: Final = {
         *(("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8"), ("undulation_m", "<f4")),
         *(("accuracy_cm", "<u2"), ("latency", "<u2"), ("datum", "u1"), ("", "u1"), ("parts", "<u2")),
     ),
+    # to the last field that every revision has and that is read
+    PVT: _layout(
+        *(*_TIME, ("mode", "u1"), ("error", "u1"), ("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8")),
+        *(("undulation_m", "<f4"), ("v_neu", "<f4", (3,))),
+    ),
+    POS_COV: _layout(*_COVARIANCES),
+    VEL_COV: _layout(*_COVARIANCES),
     GPS_NAV: _layout(*_LNAV),
     QZS_NAV: _layout(*_LNAV),
     GPS_ION: _layout(*_KLOBUCHAR),
@@ -153,6 +163,11 @@ def _sound_length(data: bytes, at: int, found: Blocks) -> int:
     else:
         found.damaged += 1
     return int(length)
+
+
+def block_length(data: bytes, start: int) -> int:
+    """Return the bytes of the block that begins at ``start``, with its header."""
+    return int.from_bytes(data[start + 6 : start + 8], "little")
 
 
 def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Bool:

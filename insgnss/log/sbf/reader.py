@@ -15,6 +15,7 @@ from insgnss.errors import InputError
 from insgnss.log.files import file_buffer, records
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.imu.sensor_pairs import paired
+from insgnss.log.own_solution import not_independent
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf.blocks import (
     EXT_SENSOR,
@@ -23,11 +24,13 @@ from insgnss.log.sbf.blocks import (
     MEAS_EPOCH,
     SENSOR,
     Blocks,
+    block_length,
     block_records,
     block_times_ns,
     find_blocks,
     time_known,
 )
+from insgnss.log.sbf.fixes import fixes
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
@@ -42,7 +45,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
     reported. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
     Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
-    (INSNavGeod) alone; the table of measurements is empty then.
+    (INSNavGeod; PVTGeodetic of satellites alone) alone; the table of measurements is empty then.
 
     Raises
     ------
@@ -57,9 +60,11 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     gnss, events = measurements(data, blocks)
     imu, told = _inertial(data, blocks)
     own, without = solution(data, blocks)
-    if not len(gnss.t_ns) and imu is None and own is None:
+    fixed, told_of_fixes = fixes(data, blocks)
+    events += told_of_fixes
+    if not len(gnss.t_ns) and imu is None and own is None and fixed is None:
         raise InputError(
-            "the SBF file holds no measurement and no inertial sample",
+            "the SBF file holds no measurement, no inertial sample and no solution",
             file=path,
             advice=f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR}); Meas3 blocks cannot be read",
         )
@@ -73,7 +78,11 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told + without]
-    return ReceiverLog(gnss, found.navigation(), imu, named, own, solution_from="filter")
+    navigation = found.navigation()
+    if own is None and fixed is not None:
+        named.append(not_independent("PVTGeodetic, the receiver's fixes"))
+        return ReceiverLog(gnss, navigation, imu, named, fixed)
+    return ReceiverLog(gnss, navigation, imu, named, own, solution_from="filter", fixes=fixed)
 
 
 def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]]:
@@ -85,7 +94,7 @@ def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]
     heads = heads[timed]
     block_starts = np.array(blocks.starts.get(EXT_SENSOR, []), dtype=np.int64)[timed].tolist()
     for start, head, t in zip(block_starts, heads, block_times_ns(heads).tolist(), strict=True):
-        end = start + int.from_bytes(data[start + 6 : start + 8], "little")
+        end = start + block_length(data, start)
         at, length = start + HEADER_LENGTH + LAYOUTS[EXT_SENSOR].itemsize, int(head["length"])
         if length < SENSOR.itemsize:
             continue

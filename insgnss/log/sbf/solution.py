@@ -19,6 +19,7 @@ from insgnss.log.sbf.blocks import (
     INS_NAV,
     LAYOUTS,
     Blocks,
+    block_length,
     block_records,
     block_times_ns,
     time_known,
@@ -74,7 +75,7 @@ def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Floa
     listed = heads["parts"].astype(np.int64)
     size = _TRIPLE.itemsize
     at = starts + HEADER_LENGTH + LAYOUTS[INS_NAV].itemsize
-    ends = starts + np.array([_length(data, start) for start in starts.tolist()], np.int64)
+    ends = starts + np.array([block_length(data, start) for start in starts.tolist()], np.int64)
     found = []
     for part in range(_N_PARTS):
         present = (listed >> part & 1 != 0) & (at + size <= ends)
@@ -83,10 +84,6 @@ def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Floa
         found.append(values)
         at = at + size * (listed >> part & 1)
     return found
-
-
-def _length(data: bytes, start: int) -> int:
-    return int.from_bytes(data[start + 6 : start + 8], "little")
 
 
 def _values(rows: Any) -> Float64:

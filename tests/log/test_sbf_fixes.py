@@ -1,0 +1,109 @@
+"""PVTGeodetic of SBF files becomes a reference, or the fixes beside the solution of satellites and inertial sensor."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pysbf2 import SBFReader
+
+from insgnss.constants import NS_PER_WEEK
+from insgnss.errors import InputError
+from insgnss.log.convert import convert
+from insgnss.log.flight import Flight
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.sbf.reader import read_sbf
+from tests.log.sbf_encoder import WEEK, covariances, fix, ins_solution, sensor
+
+
+def read(folder: Path, *blocks: bytes) -> ReceiverLog:
+    (folder / "log.sbf").write_bytes(b"".join(blocks))
+    return read_sbf(folder / "log.sbf")
+
+
+def test_fixes_have_place_velocity_and_the_sigmas_of_their_covariances(tmp_path: Path) -> None:
+    blocks = [
+        fix(340_000.0, accuracies_cm=(200, 300)),
+        covariances(5906, 340_000.0, (0.25, 0.09, 0.64)),
+        covariances(5908, 340_000.0, (0.0016, 0.0025, 0.0036)),
+        fix(340_000.5, accuracies_cm=(200, 300)),
+    ]
+    log = read(tmp_path, *blocks)
+    own = log.solution
+    assert (
+        own is not None and own.sigma is not None and log.solution_from == "satellites" and log.fixes is None
+    )
+    assert own.t_ns.tolist() == [WEEK * NS_PER_WEEK + 340_000 * 10**9 + k * 500_000_000 for k in range(2)]
+    assert (own.lat_deg[0], own.lon_deg[0], own.h_m[1]) == pytest.approx(
+        (math.degrees(0.5), math.degrees(-1.5), 100.5), abs=1e-12
+    )
+    assert own.v_n.tolist() == [[4.0, 3.0, -0.5]] * 2 and (own.quality == 2.0).all()
+    assert own.sigma[0, :6] == pytest.approx([0.5, 0.3, 0.8, 0.04, 0.05, 0.06], rel=1e-6)
+    # without covariances: twice the rms of the distance is 2 m, twice the sigma of the height 3 m
+    assert own.sigma[1, :3] == pytest.approx([1.0 / math.sqrt(2.0)] * 2 + [1.5])
+    assert np.isnan(own.sigma[1, 3:]).all()
+    assert "receiver's fixes" in {event.kind: event.detail for event in log.events}["reference_own"]
+
+
+def test_fields_are_those_of_another_parser() -> None:
+    data = fix(340_000.0, accuracies_cm=(200, 300)) + covariances(5908, 340_000.0, (0.0016, 0.0025, 0.0036))
+    found = {parsed.identity: parsed for _, parsed in SBFReader(io.BytesIO(data))}
+    pvt, velocity = found["PVTGeodetic"], found["VelCovGeodetic"]
+    assert (pvt.Latitude, pvt.Longitude, pvt.Height, pvt.Vn, pvt.Ve, pvt.Vu) == (
+        0.5,
+        -1.5,
+        100.0,
+        4.0,
+        3.0,
+        0.5,
+    )
+    assert (pvt.HAccuracy, pvt.VAccuracy) == pytest.approx((2.0, 3.0))
+    assert (velocity.Cov_VnVn, velocity.Cov_VeVe, velocity.Cov_VuVu) == pytest.approx(
+        (0.0016, 0.0025, 0.0036)
+    )
+
+
+def test_blocks_that_are_no_fix_in_three_dimensions_are_counted(tmp_path: Path) -> None:
+    others = [fix(340_001.0, mode=0), fix(340_002.0, mode=0x84), fix(340_003.0, error=2)]
+    log = read(tmp_path, fix(340_000.0), *others, fix(340_004.0))
+    own = log.solution
+    assert own is not None and len(own.t_ns) == 2 and own.sigma is not None and np.isnan(own.sigma).all()
+    told = {event.kind: event.detail for event in log.events}
+    assert "3 PVTGeodetic block(s) without a fix in three dimensions" in told["sbf_no_solution"]
+    with pytest.raises(InputError, match="no measurement, no inertial sample and no solution"):
+        read(tmp_path, *others)
+
+
+def test_covariances_in_error_or_without_a_number_state_nothing(tmp_path: Path) -> None:
+    none = (-2e10, -2e10, -2e10)
+    blocks = [
+        fix(340_000.0),
+        covariances(5906, 340_000.0, (0.25, 0.09, 0.64), error=1),
+        covariances(5908, 340_000.0, none),
+        fix(340_001.0, accuracies_cm=(65_535, 65_534)),
+    ]
+    own = read(tmp_path, *blocks).solution
+    assert own is not None and own.sigma is not None and np.isnan(own.sigma).all()
+
+
+def test_fixes_beside_the_solution_with_an_inertial_sensor_carry_the_replay(tmp_path: Path) -> None:
+    times = [340_000.0 + k for k in range(3)]
+    samples = [sensor(340_000.0 + k / 50, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8)) for k in range(150)]
+    solutions = [ins_solution(t) for t in times]
+    log = read(tmp_path, *samples, *solutions, *(fix(t) for t in times))
+    assert log.solution_from == "filter" and log.fixes is not None and log.satellite_fixes() is log.fixes
+    assert "reference_own" not in {event.kind for event in log.events}
+    convert([tmp_path / "log.sbf"], tmp_path / "out")
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert [[path.name for path in each.files] for each in flight.config.sensor] == [["fixes.csv"]] * 2
+    assert flight.config.reference is not None and flight.config.reference.file.name == "reference.csv"
+    text = (tmp_path / "out" / "flight.toml").read_text()
+    assert (
+        "sigma_m = [5.0, 5.0, 10.0]  # DECLARE" in text and "sigma_mps = [0.3, 0.3, 0.5]  # DECLARE" in text
+    )
+    # without fixes the solution does not take the place of measurements: it holds the samples already
+    alone = read(tmp_path, *samples, *solutions)
+    assert alone.satellite_fixes() is None
