@@ -27,15 +27,16 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files. ULog, MCAP, and"
-            " NovAtel's ASCII and RANGECMP3 to 5 need the extras 'ulog', 'mcap' and 'novatel' (all: 'receivers')."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, NMEA, RINEX files. ULog,"
+            " MCAP, NovAtel's ASCII and RANGECMP3 to 5 need the extras 'ulog', 'mcap', 'novatel' (all: 'receivers')."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the output files.")],
     date: Annotated[
         datetime | None,
         typer.Option(
-            formats=["%Y-%m-%d"], help="UTC date of the first epoch, for RTCM streams that do not say it."
+            formats=["%Y-%m-%d"],
+            help="UTC date of the first epoch, for RTCM streams and NMEA that do not say it.",
         ),
     ] = None,
     imu_scale: Annotated[

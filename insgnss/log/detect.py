@@ -11,6 +11,7 @@ from insgnss.log.android.lines import RAW_TABLE
 from insgnss.log.csv.dialect import UTF16_MARKS
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
+from insgnss.log.nmea import nmea_bytes
 from insgnss.log.novatel.frames import NovatelFrames
 from insgnss.log.novatel.frames import frames_in as novatel_frames
 from insgnss.log.novatel.rewritten import ascii_bytes
@@ -19,7 +20,16 @@ from insgnss.log.ubx.frames import UbxFrames
 from insgnss.log.ubx.frames import frames_in as ubx_frames
 
 Format = Literal[
-    "ubx", "sbf", "novatel", "rtcm", "ulog", "mcap", "android", "rinex_observation", "rinex_navigation"
+    "ubx",
+    "sbf",
+    "novatel",
+    "rtcm",
+    "ulog",
+    "mcap",
+    "android",
+    "nmea",
+    "rinex_observation",
+    "rinex_navigation",
 ]
 NAMES: Final[dict[Format, str]] = {
     "ubx": "u-blox UBX",
@@ -29,6 +39,7 @@ NAMES: Final[dict[Format, str]] = {
     "ulog": "PX4 ULog",
     "mcap": "ROS 2 MCAP",
     "android": "Android GnssLogger",
+    "nmea": "NMEA 0183",
     "rinex_observation": "RINEX observation",
     "rinex_navigation": "RINEX navigation",
 }
@@ -70,7 +81,7 @@ def detect_format(path: Path) -> Format:
     rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
     if rinex is not None:
         return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
-    # a receiver's own format takes precedence over RTCM in the same file
+    # a receiver's own format takes precedence over RTCM and NMEA in the same file
     own: dict[Format, int] = {
         "ubx": _framed_bytes(ubx_frames(path, data)),
         "sbf": _sbf_bytes(data),
@@ -82,6 +93,8 @@ def detect_format(path: Path) -> Format:
         return "rtcm"
     if RAW_TABLE.match(head) or _ANDROID.search(data.decode("latin-1")):
         return "android"
+    if nmea_bytes(data):
+        return "nmea"
     raise InputError(
         "not a supported receiver file",
         file=path,
@@ -127,7 +140,7 @@ def _rtcm_bytes(data: bytes) -> int:
 
 def _looks_like(data: bytes) -> str:
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
-        return "this is NMEA, which holds positions but no measurements"
+        return "this begins like NMEA, but no sentence of it has a sound check sum"
     if data[:1] == _RTCM_PREAMBLE:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):

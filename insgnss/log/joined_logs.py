@@ -46,20 +46,23 @@ class FormatLog:
 def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
     """Return one log with the measurements of the one format that has them and the inertial samples of another.
 
-    Broadcast messages come from the log of the measurements, else from another. Further samples are in the axes of the
-    inertial ones and come from the same log. The solution is one with attitude if there is one; an event names others.
+    Without measurements the fixes of the one format that has them take their place. Broadcast messages come from the
+    log of the measurements, else from another. Further samples are in the axes of the inertial ones and come from the
+    same log. The solution is one with attitude if there is one; an event names others.
 
     Raises
     ------
-    InputError : not exactly one format holds measurements, or several hold inertial samples
+    InputError : not exactly one format holds measurements, or without any fixes; several hold inertial samples
     TimeError : the time spans do not overlap
     """
     if len(logs) == 1:
         return logs[0].log
     first = _only(logs, "measurements", lambda log: len(log.gnss.t_ns) > 0)
     if first is None:
+        first = _only(logs, "fixes", lambda log: log.satellite_fixes() is not None)
+    if first is None:
         raise InputError(
-            f"none of the files holds raw measurements: {' and '.join(map(str, logs))}",
+            f"none of the files holds raw measurements or fixes: {' and '.join(map(str, logs))}",
             file=_files(logs),
             advice=f"give the file that holds them in one call with these, or {_APART}",
         )
@@ -83,6 +86,7 @@ def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
         solution=solution.log.solution,
         solution_point=solution.log.solution_point,
         solution_from=solution.log.solution_from,
+        fixes=first.log.fixes if solution is first else first.log.satellite_fixes(),
         events=[event for one in logs for event in one.log.events] + _not_used(logs, inertial, solution),
     )
 

@@ -10,6 +10,7 @@ from insgnss.errors import InputError
 from insgnss.log.android.reader import read_android
 from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format
+from insgnss.log.nmea import read_nmea
 from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.observations import read_rinex_obs
@@ -51,6 +52,7 @@ _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], Receive
     "sbf": lambda paths, _: read_sbf(*paths),
     "novatel": lambda paths, declared: read_novatel(paths, declared.imu_scales),
     "rinex_observation": lambda paths, _: _rinex(paths),
+    "nmea": lambda paths, declared: read_nmea(paths, declared.date),
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
     "ulog": lambda paths, declared: read_ulog(_alone("ulog", paths), declared.topics),
     "mcap": lambda paths, declared: read_rosbag(_alone("mcap", paths), declared.topics),

@@ -10,9 +10,10 @@ import numpy.typing as npt
 from insgnss.report.solution import NavSolution, solution
 from insgnss.runs.result import Run
 from insgnss.tables import Bool, Float64
+from insgnss.units import SI_PER_UNIT
 
-_KNOT_MPS: Final = 1852.0 / 3600.0
-_KMH_MPS: Final = 1.0 / 3.6
+_KNOT_MPS: Final = SI_PER_UNIT["kn"]
+_KMH_MPS: Final = SI_PER_UNIT["km/h"]
 _TALKER: Final = "GN"  # several satellite systems, or inertial besides one
 
 

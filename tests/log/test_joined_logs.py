@@ -11,6 +11,7 @@ import pytest
 from insgnss.config.files import existing_file
 from insgnss.errors import InputError, MissingFileError, TimeError
 from insgnss.log.convert import convert
+from insgnss.log.flight import Flight
 from insgnss.log.further_samples import FurtherSamples
 from insgnss.log.joined_logs import FormatLog, join_logs
 from insgnss.log.own_solution import own_reference
@@ -22,6 +23,7 @@ from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message
 from tests.log.test_rinex_observations import HEADER as OBS_HEADER
 from tests.log.test_rinex_observations import epoch as rinex_epoch
+from tests.log.test_ubx_solution import NOON_MS, pvt
 from tests.log.test_ulog import flown
 from tests.log.ubx_writing import rawx
 
@@ -101,11 +103,28 @@ def test_samples_in_files_of_two_formats_are_refused(tmp_path: Path) -> None:
         convert(inputs, tmp_path / "out")
 
 
-def test_two_formats_without_measurements_are_refused(tmp_path: Path) -> None:
+def test_two_formats_without_measurements_and_fixes_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "receiver.ubx").write_bytes(pvt(fix=4) + pvt(1000, fix=4))
     with pytest.raises(
-        InputError, match=r"none of the files holds raw measurements.*autopilot\.ulg.*unit\.sbf"
+        InputError, match=r"none of the files holds raw measurements or fixes.*receiver\.ubx.*unit\.sbf"
     ):
-        convert([autopilot(tmp_path), inertial_unit(tmp_path)], tmp_path / "out")
+        convert([tmp_path / "receiver.ubx", inertial_unit(tmp_path)], tmp_path / "out")
+
+
+def test_fixes_of_one_file_and_samples_of_another_become_one_flight(tmp_path: Path) -> None:
+    first_s = NOON_MS / 1000
+    thursday = (2025, 5, 22)  # of the unit's week
+    (tmp_path / "receiver.ubx").write_bytes(b"".join(pvt(250 * k, date=thursday) for k in range(9)))
+    convert([tmp_path / "receiver.ubx", inertial_unit(tmp_path, first_s, solution=False)], tmp_path / "a")
+    flight = Flight.load(tmp_path / "a" / "flight.toml")
+    assert flight.config.imu is not None and flight.config.reference is None
+    assert [[path.name for path in each.files] for each in flight.config.sensor] == [["reference.csv"]] * 2
+    # the other file's solution is the reference then, and the fixes are a file of their own
+    done = convert([tmp_path / "receiver.ubx", inertial_unit(tmp_path, first_s)], tmp_path / "b")
+    flight = Flight.load(tmp_path / "b" / "flight.toml")
+    assert flight.config.reference is not None and done.log.solution_from == "filter"
+    assert [[path.name for path in each.files] for each in flight.config.sensor] == [["fixes.csv"]] * 2
+    assert done.log.fixes is not None and len(done.log.fixes.t_ns) == 9
 
 
 def test_files_of_different_days_are_refused_with_both_spans(tmp_path: Path) -> None:

@@ -1,0 +1,250 @@
+"""NMEA 0183 becomes a receiver's own solution: places of GGA, dates and motion of RMC, sigmas of GST.
+
+NMEA holds no measurements. Its fixes are a reference, quality 2 (no truth), or take the place of measurements.
+Sentences in a row with the same time of day are an epoch. Its date is that of its RMC or ZDA, else it follows from the
+last epoch that had one. Speed is over ground with its direction: there is no vertical velocity. Times are UTC.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import functools
+import math
+import operator
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InputError, TimeError
+from insgnss.geodesy.sea_level import geoid_height
+from insgnss.gpstime import utc_to_ns
+from insgnss.log.files import file_buffer
+from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.receiver import ReceiverLog, no_measurements
+from insgnss.tables import Event, Int64
+from insgnss.units import SI_PER_UNIT
+
+_SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{5,200})\*([0-9A-Fa-f]{2})")
+_BEGUN: Final = re.compile(rb"\$[A-OQ-Z][A-Z](?:GGA|RMC|GST|ZDA),")
+_CLOCK: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})(?:\.([0-9]{0,9}))?")
+_ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
+# qualities of GGA: not computed, dead reckoning, typed in, a simulator's are no fixes of satellites
+_FIXES: Final = frozenset("123459")
+_SLOW_MPS: Final = 0.1  # below it a receiver states no direction, and the velocity is none
+_FASTEST_MPS: Final = 2e4
+_DAY_NS: Final = 86_400 * NS_PER_S
+
+
+@dataclass
+class _Epoch:
+    """The sentences of one time of day; missing numbers are NaN."""
+
+    time_ns: int  # of the UTC day
+    date: dt.date | None = None
+    place: tuple[float, float, float] | None = None  # deg, deg, m above the sea
+    geoid_m: float = math.nan  # above the ellipsoid
+    sigma: tuple[float, float, float] = (math.nan,) * 3
+    velocity: tuple[float, float] = (math.nan,) * 2  # north, east
+
+
+@dataclass
+class _Sentences:
+    """What the files hold: epochs in their order, and what was not read."""
+
+    epochs: list[_Epoch] = field(default_factory=list)
+    others: Counter[str] = field(default_factory=Counter)
+    damaged: int = 0
+    without_fix: int = 0
+
+
+def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog:
+    """Read NMEA files (plain or gzipped) of one receiver, one after the other.
+
+    Heights are above the ellipsoid: the sum of the two that GGA states, or with EGM96 where it states one.
+
+    Parameters
+    ----------
+    date : UTC, of the first epoch, where no sentence states one
+
+    Raises
+    ------
+    InputError : a file cannot be read, or holds no two fixes
+    TimeError : no sentence states a date, and none is given
+    """
+    found = _Sentences()
+    for path in paths:
+        _add_file(file_buffer(path).to_pybytes(), found)
+    fixes = [epoch for epoch in found.epochs if epoch.place is not None]
+    if len(fixes) < 2:
+        raise InputError(
+            "the NMEA file holds no two fixes of satellites",
+            file=paths[0],
+            advice="log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements",
+        )
+    t_ns = _gps_times(found.epochs, date, paths[0])[[epoch.place is not None for epoch in found.epochs]]
+    place = np.array([epoch.place for epoch in fixes])
+    geoid_m = np.array([epoch.geoid_m for epoch in fixes])
+    unstated = np.isnan(geoid_m)
+    if unstated.any():
+        geoid_m[unstated] = geoid_height(place[unstated, 0], place[unstated, 1])
+    place[:, 2] += geoid_m
+    sigma = np.full((len(fixes), 9), np.nan)
+    sigma[:, :3] = stated_sigmas(np.array([epoch.sigma for epoch in fixes]))
+    v_n = np.array([(*epoch.velocity, math.nan) for epoch in fixes])
+    rows = distinct_rows(t_ns, np.isfinite(place).all(axis=1))
+    table = own_reference(t_ns[rows], place[rows], sigma[rows], velocity=v_n[rows])
+    events = _events(found, int(unstated.sum()), ", ".join(map(str, paths)))
+    return ReceiverLog(no_measurements(), events=events, solution=table)
+
+
+def nmea_bytes(data: bytes) -> int:
+    """Return how many bytes lie in sentences with a sound check sum."""
+    return sum(end - start for start, end, sound, _ in _sentences(data) if sound)
+
+
+def _sentences(data: bytes) -> Iterator[tuple[int, int, bool, bytes]]:
+    """Yield begin and end of each sentence, whether its check sum holds, and the text between $ and *."""
+    for match in _SENTENCE.finditer(data):
+        body = match[1]
+        yield match.start(), match.end(), functools.reduce(operator.xor, body) == int(match[2], 16), body
+
+
+def _add_file(data: bytes, found: _Sentences) -> None:
+    """Add the epochs of a file."""
+    epoch: _Epoch | None = None
+    whole = 0
+    for _, _, sound, body in _sentences(data):
+        address, *cells = body.decode("latin-1").split(",")
+        kind = address[2:] if len(address) == _ADDRESS and address[0] != "P" else address
+        whole += kind in _READERS
+        if not sound:
+            found.damaged += 1
+            continue
+        if kind not in _READERS:
+            found.others[kind] += 1
+            continue
+        try:
+            time_ns = _time_of_day_ns(cells[0])
+            if epoch is None or time_ns != epoch.time_ns:
+                epoch = _Epoch(time_ns)
+                found.epochs.append(epoch)
+            _READERS[kind](epoch, cells)
+        except _NoFixError:
+            found.without_fix += 1
+        except (ValueError, IndexError):
+            found.damaged += 1
+    found.damaged += max(len(_BEGUN.findall(data)) - whole, 0)
+
+
+class _NoFixError(Exception):
+    """A sentence that states that there is no fix."""
+
+
+def _gga(epoch: _Epoch, cells: list[str]) -> None:
+    if cells[5] not in _FIXES:
+        raise _NoFixError
+    lat, lon = _angle(cells[1], cells[2], "NS", 90.0), _angle(cells[3], cells[4], "EW", 180.0)
+    height, geoid = float(cells[8]), float(cells[10]) if cells[10] else math.nan
+    if not abs(height) < 1e7 or abs(geoid) > 1e3:
+        raise ValueError
+    epoch.place, epoch.geoid_m = (lat, lon, height), geoid
+
+
+def _rmc(epoch: _Epoch, cells: list[str]) -> None:
+    day = cells[8]
+    if len(day) == 6:
+        year = int(day[4:])
+        epoch.date = dt.date(year + (1900 if year >= 80 else 2000), int(day[2:4]), int(day[:2]))
+    if cells[1] != "A":
+        return
+    speed = float(cells[6]) * SI_PER_UNIT["kn"]
+    if not 0.0 <= speed < _FASTEST_MPS:
+        raise ValueError
+    if cells[7]:
+        course = math.radians(float(cells[7]))
+        epoch.velocity = speed * math.cos(course), speed * math.sin(course)
+    elif speed < _SLOW_MPS:
+        epoch.velocity = 0.0, 0.0
+
+
+def _gst(epoch: _Epoch, cells: list[str]) -> None:
+    north, east, up = (float(cell) if cell else math.nan for cell in cells[5:8])
+    epoch.sigma = north, east, up
+
+
+def _zda(epoch: _Epoch, cells: list[str]) -> None:
+    if cells[3]:
+        epoch.date = dt.date(int(cells[3]), int(cells[2]), int(cells[1]))
+
+
+_READERS: Final = {"GGA": _gga, "RMC": _rmc, "GST": _gst, "ZDA": _zda}
+
+
+def _time_of_day_ns(text: str) -> int:
+    """Return hhmmss.ss since midnight."""
+    if not text:
+        raise _NoFixError  # the receiver does not know the time yet
+    match = _CLOCK.fullmatch(text)
+    if match is None:
+        raise ValueError
+    hours, minutes, seconds = (int(each) for each in match.group(1, 2, 3))
+    if hours > 23 or minutes > 59 or seconds > 60:
+        raise ValueError
+    return (hours * 3600 + minutes * 60 + seconds) * NS_PER_S + int((match[4] or "").ljust(9, "0"))
+
+
+def _angle(text: str, side: str, sides: str, most: float) -> float:
+    """Return degrees of dddmm.mmmm with its side."""
+    value = float(text)
+    degrees, minutes = divmod(value, 100.0)
+    angle = degrees + minutes / 60.0
+    if side not in sides or not side or not 0.0 <= angle <= most or minutes >= 60.0:
+        raise ValueError
+    return -angle if side == sides[1] else angle
+
+
+def _gps_times(epochs: list[_Epoch], date: dt.date | None, file: Path) -> Int64:
+    """Return the GPS times (n,); a time of day that falls by more than half a day begins the next day.
+
+    Raises
+    ------
+    TimeError : no date anywhere
+    """
+    clock_ns = np.array([epoch.time_ns for epoch in epochs], np.int64)
+    day = np.concatenate([[0], np.cumsum(np.diff(clock_ns) < -_DAY_NS // 2)]).tolist()
+    first = next((k for k, epoch in enumerate(epochs) if epoch.date is not None), 0)
+    stated = epochs[first].date or date
+    if stated is None:
+        raise TimeError(
+            "no NMEA sentence states the date",
+            file=file,
+            advice="log RMC or ZDA, or declare the date of the first epoch: insgnss convert --date 2024-05-17",
+        )
+    begin = stated - dt.timedelta(days=day[first])
+    midnights = []
+    for epoch, passed in zip(epochs, day, strict=True):
+        if epoch.date is not None:
+            begin = epoch.date - dt.timedelta(days=passed)
+        midnights.append(utc_to_ns(dt.datetime.combine(begin + dt.timedelta(days=passed), dt.time())))
+    # leap seconds come in at the end of a day: those of its beginning hold
+    return np.array(midnights, np.int64) + clock_ns
+
+
+def _events(found: _Sentences, by_model: int, file: str) -> list[Event]:
+    counts = (
+        ("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),
+        ("nmea_no_fix", found.without_fix, "sentences without a time or a fix of satellites left out"),
+        ("nmea_damaged", found.damaged, "sentences with a wrong check sum, cut or unreadable left out"),
+    )
+    events = [not_independent("GGA and RMC, the receiver's fixes")]
+    events += [Event(None, kind, f"{count} {what}") for kind, count, what in counts if count]
+    if found.others:
+        listed = ", ".join(f"{n} {kind}" for kind, n in sorted(found.others.items()))
+        events.append(Event(None, "nmea_not_used", f"sentences not read: {listed}"))
+    return [Event(None, event.kind, f"{file}: {event.detail}") for event in events]
