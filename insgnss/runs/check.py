@@ -107,7 +107,8 @@ def _against_fixes(
     more, found = sensor_findings(sensors, None, logs.imu), fixes_track(sensors)
     if found is None:
         return more, False
-    track, lever_b = found
+    track, lever_b, of_velocities = found
+    more += of_velocities
     gnss = flight.config.gnss.model_copy(update={"lever_arm_m": lever_b})
     flight = replace(flight, config=flight.config.model_copy(update={"gnss": gnss}))
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in findings for p in f.proposals)

@@ -21,6 +21,7 @@ import numpy as np
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart
 from insgnss.config.imu import ImuGrade
+from insgnss.config.log_table import NO_COLUMN
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
@@ -78,7 +79,9 @@ class StartFromFixes:
         config, table = self.positions
         t_ns, place = int(table.t_ns[second]), table.values[second]
         sigma = _sigma(table.sigma[second], config.sigma_m)
-        v_n, sd_v = self._velocity(first, second, sigma)
+        way = self._way(first, second)
+        read = self._velocity_read(t_ns, way)
+        v_n, sd_v = (way.v, _sd(way)) if read is None else (read.v, math.hypot(_sd(read), 0.3))
         speed = float(np.linalg.norm(v_n))
         samples = (imu.t_ns > t_ns - _LEVELLING_NS) & (imu.t_ns <= t_ns)
         f = imu.f_b[samples].mean(axis=0)
@@ -96,20 +99,20 @@ class StartFromFixes:
             sd_roll_pitch_deg=_SD_LEVEL_DEG[speed > _REST_MPS],
             sd_yaw_deg=90.0 if moving else 180.0,
         )
-        attitudes = self._at_rest(imu, first, second)
+        attitudes = self._at_rest(imu, place, int(table.t_ns[first]), way)
         how = "at rest" if attitudes else f"at {speed:.1f} m/s"
         return TimedStart(t_ns, state, f"from two fixes of '{config.label}', {how}; heading open", attitudes)
 
-    def _at_rest(self, imu: ImuSamples, first: int, second: int) -> tuple[StartAttitude, ...]:
+    def _at_rest(
+        self, imu: ImuSamples, place: Float64, first_ns: int, way: MeasuredVelocity
+    ) -> tuple[StartAttitude, ...]:
         """Return the attitudes of a vehicle that stands, with the gyros' biases; nothing if that is not shown.
 
         Velocities at both fixes and the samples before the second have to show it, as for an automatic start.
         """
-        _, table = self.positions
-        t_ns, place = [int(table.t_ns[k]) for k in (first, second)], table.values[second]
-        begin_ns = t_ns[1] - round(self.config.start.window_s * NS_PER_S)
-        window = inertial_window(*imu[:3], begin_ns, t_ns[1])
-        before, now = (self._velocity_read(each) for each in t_ns)
+        begin_ns = way.t_ns - round(self.config.start.window_s * NS_PER_S)
+        window = inertial_window(*imu[:3], begin_ns, way.t_ns)
+        before, now = (self._velocity_read(each, way) for each in (first_ns, way.t_ns))
         if window is None or before is None or now is None:
             return ()
         slow = velocities_show_rest(now, before, self.config)
@@ -120,27 +123,29 @@ class StartFromFixes:
         headings = open_headings(r_e, v_e, now.P, self.config)
         return tuple(attitudes_at_start(window, r_e, v_e, None, sd_a, self.config, self.grade, headings))
 
-    def _velocity_read(self, t_ns: int) -> MeasuredVelocity | None:
-        """Return a velocity north, east, down read near a time; None without one."""
+    def _velocity_read(self, t_ns: int, way: MeasuredVelocity) -> MeasuredVelocity | None:
+        """Return a velocity north, east, down read near a time, components that it lacks by the way; else None."""
         if self.velocities is None:
             return None
         config, found = self.velocities
-        values, stated = found.at_times(np.array([t_ns]))
-        if not np.isfinite(values).all():
+        values, stated = (each[0] for each in found.at_times(np.array([t_ns])))
+        lacking = np.array([config.columns.velocity[k] == NO_COLUMN for k in config.ned])
+        if np.isnan(values[~lacking]).any():
             return None
-        return MeasuredVelocity(t_ns, values[0], _sigma(stated[0], config.sigma_mps) ** 2 * np.eye(3))
+        P = _sigma(stated, config.sigma_mps) ** 2 * np.eye(3)
+        P[lacking] = way.P[lacking]
+        return MeasuredVelocity(t_ns, np.where(lacking, way.v, values), P)
 
-    def _velocity(self, first: int, second: int, sigma: float) -> tuple[Float64, float]:
-        """Return the velocity north, east, down at the second fix and its sigma."""
-        _, table = self.positions
-        read = self._velocity_read(int(table.t_ns[second]))
-        if read is not None:
-            return read.v, math.hypot(math.sqrt(read.P[0, 0]), 0.3)
+    def _way(self, first: int, second: int) -> MeasuredVelocity:
+        """Return the velocity north, east, down at the second fix by the way since the first."""
+        config, table = self.positions
         C_ne = np.zeros((3, 3))
         ecef_to_ned_matrix(table.values[second, 0], table.values[second, 1], C_ne)
         dt = float(table.t_ns[second] - table.t_ns[first]) / NS_PER_S
         way = fix_ecef(table.values[second], 0.0) - fix_ecef(table.values[first], 0.0)
-        return C_ne @ way / dt, math.hypot(math.sqrt(2.0) * sigma / dt, _ACCELERATION_MPS2 * dt)
+        sigma = _sigma(table.sigma[second], config.sigma_m)
+        sd = math.hypot(math.sqrt(2.0) * sigma / dt, _ACCELERATION_MPS2 * dt)
+        return MeasuredVelocity(int(table.t_ns[second]), C_ne @ way / dt, sd**2 * np.eye(3))
 
 
 def started_without_gnss(setup: FilterSetup, flight: Flight, logs: FlightLogs) -> FilterSetup:
@@ -175,6 +180,11 @@ def refuse_live_without_gnss(flight: Flight) -> None:
             key="gnss.files",
             advice="give [gnss] for the engine; replay runs on position fixes alone",
         )
+
+
+def _sd(velocity: MeasuredVelocity) -> float:
+    """Return the sigma of a velocity's components across."""
+    return math.sqrt(velocity.P[0, 0])
 
 
 def _sigma(stated: Float64, given: Sequence[float] | None) -> float:

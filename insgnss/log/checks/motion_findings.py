@@ -51,7 +51,8 @@ def motion_findings(
     timing = _timing(flight, declared, track, best, base_s, match.shift_s) if decided(found) else None
     if timing is None:
         return [*unit, *axes]
-    times = offset_findings(flight, timing, match.contrast, track.origin_ns)
+    known = timing._replace(sd_s=float(np.hypot(timing.sd_s, track.sd_time_s)))
+    times = offset_findings(flight, known, match.contrast, track.origin_ns)
     free = np.zeros(3)
     refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
     if refined is None:

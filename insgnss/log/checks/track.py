@@ -35,6 +35,7 @@ class GnssTrack:
     n_epochs: int  # of the log
     n_good: int  # epochs whose position passed all tests
     n_tested: int  # those of them that were tested: there was a redundant row
+    sd_time_s: float = 0.0  # how well the times of the velocities are known
 
 
 Solve = Callable[[GnssTable], GnssTrack | None]  # the track of a GNSS log, None where nothing can be solved

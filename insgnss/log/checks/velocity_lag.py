@@ -1,0 +1,103 @@
+"""How far velocities are behind the position fixes beside them.
+
+Receivers give velocities that are means over the last epoch, or the output of a filter: of two public logs with four
+fixes a second both are 0.13 s late. The way between two fixes is the integral of the velocity. With velocities whose
+tags need a correction d,
+
+    r(t + T) - r(t) = V(t + T - d) - V(t - d),    V the integral of the logged velocity over its tags,
+
+level components, T about a second: the longer, the less the noise of the fixes counts, and the shorter, the more a turn
+shows. d is where the mean square of the difference is least. Its sigma is that of a fit in which the ways of each T
+count once.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from insgnss.constants import NS_PER_S
+from insgnss.geodesy.ellipsoid import geodetic_to_ecef
+from insgnss.geodesy.local_level import level_axes
+from insgnss.tables import Float64, SensorTable
+
+_SPAN_S: Final = 1.0
+_MOST_S: Final = 0.5
+_STEP_S: Final = 0.01
+_LEAST_WAYS: Final = 20
+_SURE_SIGMAS: Final = 5.0
+_SURE_LIKELIHOOD: Final = 10.0
+_LEAST_S: Final = 0.02  # at 2 m/s^2 less than the noise of a velocity
+_LONGEST_GAP_S: Final = 1.1  # between readings that a curve goes through
+
+
+class VelocityLag(NamedTuple):
+    """The correction of the velocities' tags, negative for late velocities."""
+
+    offset_s: float
+    sigma_s: float
+    log_likelihood: float  # above that of no correction
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the velocities contradict the fixes without the correction."""
+        far = abs(self.offset_s) > max(_SURE_SIGMAS * self.sigma_s, _LEAST_S)
+        return far and self.log_likelihood > _SURE_LIKELIHOOD
+
+
+def velocity_lag(positions: SensorTable, velocities: SensorTable) -> VelocityLag | None:
+    """Return the correction of the velocities' tags that fits the position fixes best; None where nothing shows it.
+
+    Parameters
+    ----------
+    positions : latitude, longitude [rad], height [m]
+    velocities : north, east, down [m/s]
+    """
+    t_s, place = _level(positions)
+    good = np.isfinite(velocities.values[:, :2]).all(axis=1)
+    v_s = (velocities.t_ns[good] - positions.t_ns[0]) / NS_PER_S
+    if len(t_s) < _LEAST_WAYS or len(v_s) < _LEAST_WAYS:
+        return None
+    way = CubicSpline(v_s, velocities.values[good, :2]).antiderivative()
+    late = np.searchsorted(t_s, t_s + _SPAN_S - 1e-3)
+    begin = np.flatnonzero(late < len(t_s))
+    end = late[begin]
+    inside = (t_s[begin] > v_s[0] + _MOST_S) & (t_s[end] < v_s[-1] - _MOST_S)
+    inside &= t_s[end] - t_s[begin] < 2.0 * _SPAN_S
+    pause = np.concatenate([[0], np.cumsum(np.diff(v_s) > _LONGEST_GAP_S)])
+    near = [np.searchsorted(v_s, t_s[at] + side * _MOST_S) for at, side in ((begin, -1), (end, 1))]
+    inside &= pause[np.minimum(near[0], len(v_s) - 1)] == pause[np.minimum(near[1], len(v_s) - 1)]
+    begin, end = begin[inside], end[inside]
+    if len(begin) < _LEAST_WAYS:
+        return None
+    measured = place[end] - place[begin]
+    shifts = np.arange(-_MOST_S, _MOST_S + _STEP_S / 2.0, _STEP_S)
+    apart = np.array([measured - (way(t_s[end] - d) - way(t_s[begin] - d)) for d in shifts])
+    mean_square = np.mean(apart**2, axis=(1, 2))
+    best = int(np.argmin(mean_square))
+    if best in (0, len(shifts) - 1):
+        return None
+    before, least, after = mean_square[best - 1 : best + 2]
+    bend = (before - 2.0 * least + after) / _STEP_S**2
+    offset_s = shifts[best] + 0.5 * (before - after) / (before - 2.0 * least + after) * _STEP_S
+    ways = 2.0 * max(
+        float(np.sum(np.diff(t_s)[np.diff(t_s) < 2.0 * _SPAN_S])) / _SPAN_S, 1.0
+    )  # of two components
+    none = mean_square[len(shifts) // 2]
+    return VelocityLag(
+        float(offset_s), float(np.sqrt(2.0 * least / (bend * ways))), float(0.5 * ways * np.log(none / least))
+    )
+
+
+def _level(positions: SensorTable) -> tuple[Float64, Float64]:
+    """Return times (n,) after the first fix and places (n, 2) north and east of it."""
+    good = np.isfinite(positions.values).all(axis=1)
+    r_e = np.zeros((int(good.sum()), 3))
+    for at, (lat, lon, h) in zip(r_e, positions.values[good], strict=True):
+        geodetic_to_ecef(lat, lon, h, at)
+    if not len(r_e):
+        return np.zeros(0), np.zeros((0, 2))
+    t_s = (positions.t_ns[good] - positions.t_ns[0]) / NS_PER_S
+    return t_s, (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T
