@@ -194,6 +194,28 @@ def test_run_of_fixes_alone_can_be_saved_and_reported(tmp_path: Path) -> None:
     assert run.report(tmp_path / "run.html").stat().st_size > 10_000
 
 
+def level_velocities(made: FlightInMemory) -> FlightInMemory:
+    """Return a flight whose velocities have no vertical component, as those of NMEA."""
+    names = made.config.sensor[1].columns.model_copy(update={"velocity": ("vn_mps", "ve_mps", "none")})
+    sensors = made.config.sensor[0], made.config.sensor[1].model_copy(update={"columns": names})
+    tables = [
+        replace(table, values=table.values * (1.0, 1.0, np.nan)) if table.name == "velocity" else table
+        for table in made.logs.sensors
+    ]
+    config = made.config.model_copy(update={"sensor": sensors})
+    return replace(made, config=config, logs=replace(made.logs, sensors=tuple(tables)))
+
+
+def test_level_velocities_show_rest_with_the_heights_of_the_fixes() -> None:
+    run = insgnss.replay(level_velocities(fixes_alone(city_car(40.0), 4, fixes=CLOSE_FIXES)))
+    start = run.events.loc[run.events["kind"] == "start", "detail"].iloc[0]
+    assert "at rest" in start and run.errors is not None
+    whole = insgnss.replay(fixes_alone(city_car(40.0), 4, fixes=CLOSE_FIXES))
+    begin = run.nav.iloc[0]
+    assert begin["sd_gyro_bias_z_radps"] == pytest.approx(whole.nav.iloc[0]["sd_gyro_bias_z_radps"], rel=0.05)
+    assert (run.errors["d_roll_deg"] / run.errors["sd_roll_deg"]).abs().max() < 4.0
+
+
 def test_flight_with_neither_gnss_nor_fixes_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "flight.toml"
     path.write_text('gps_week = 2385\n[imu]\nfiles = ["imu.csv"]\ngrade = "tactical"\n')

@@ -17,7 +17,7 @@ from insgnss.geodesy.local_level import level_axes
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.sensor_findings import SensorLogRead
 from insgnss.log.checks.track import VELOCITY_FLOOR_MPS, GnssTrack, velocities_by_positions
-from insgnss.log.checks.velocity_lag import VelocityLag, velocity_lag
+from insgnss.log.checks.velocity_lag import LONGEST_GAP_S, VelocityLag, velocity_lag
 from insgnss.tables import Float64, Int64, SensorTable
 
 _SLOW_S: Final = 2.0  # before and after a fix
@@ -81,22 +81,29 @@ def _velocities(
 
     A component that the log lacks is that of the way over some seconds, in which heights of a receiver are good enough.
     """
-    v_n, stated = table.at_times(t_ns)
-    C_ne = np.array([level_axes(place) for place in r_e])
     lacking = np.array([config.columns.velocity[k] == NO_COLUMN for k in config.ned])
-    if lag is not None and lag.is_sure:
-        good = np.isfinite(table.values[:, ~lacking]).all(axis=1)
-        curve = CubicSpline(table.t_ns[good] - t_ns[0], table.values[good][:, ~lacking])
-        at_tags = curve(t_ns - t_ns[0] - lag.offset_s * NS_PER_S)
-        v_n[:, ~lacking] = np.where(np.isfinite(v_n[:, ~lacking]), at_tags, np.nan)
+    good = np.isfinite(table.values[:, ~lacking]).all(axis=1)
+    v_n, C_ne = np.full(r_e.shape, np.nan), np.array([level_axes(place) for place in r_e])
+    if good.sum() > 1:
+        late_s = 0.0 if lag is None or not lag.is_sure else -lag.offset_s
+        v_s = (table.t_ns[good] - t_ns[0]) / NS_PER_S
+        v_n[:, ~lacking] = _between(v_s, table.values[good][:, ~lacking], t_s + late_s)
     if lacking.any():
         early, late = np.searchsorted(t_s, t_s - _SLOW_S), np.searchsorted(t_s, t_s + _SLOW_S, "right") - 1
         slow_e = (r_e[late] - r_e[early]) / np.maximum(t_s[late] - t_s[early], _SLOW_S)[:, None]
         v_n = np.where(lacking, np.einsum("kij,kj->ki", C_ne, slow_e), v_n)
     v_e = np.einsum("kji,kj->ki", C_ne, v_n)
     given = float(np.max(config.sigma_mps)) if config.sigma_mps else _UNSTATED_MPS
+    stated = table.sigma[np.clip(np.searchsorted(table.t_ns, t_ns), 0, len(table.t_ns) - 1)]
     sd = np.where(lacking, -np.inf, stated).max(axis=1)
     return v_e, np.where(np.isfinite(sd), sd, given)
+
+
+def _between(v_s: Float64, values: Float64, at_s: Float64) -> Float64:
+    """Return the curve through readings at given times, NaN beyond them and in their pauses."""
+    after = np.clip(np.searchsorted(v_s, at_s), 1, len(v_s) - 1)
+    near = (at_s >= v_s[0]) & (at_s <= v_s[-1]) & (v_s[after] - v_s[after - 1] <= LONGEST_GAP_S)
+    return np.where(near[:, None], CubicSpline(v_s, values)(at_s), np.nan)
 
 
 def _time_sigma_s(velocities: SensorTable, lag: VelocityLag | None) -> float:

@@ -30,7 +30,7 @@ _LEAST_WAYS: Final = 20
 _SURE_SIGMAS: Final = 5.0
 _SURE_LIKELIHOOD: Final = 10.0
 _LEAST_S: Final = 0.02  # at 2 m/s^2 less than the noise of a velocity
-_LONGEST_GAP_S: Final = 1.1  # between readings that a curve goes through
+LONGEST_GAP_S: Final = 1.1  # between readings that a curve goes through
 
 
 class VelocityLag(NamedTuple):
@@ -66,10 +66,14 @@ def velocity_lag(positions: SensorTable, velocities: SensorTable) -> VelocityLag
     end = late[begin]
     inside = (t_s[begin] > v_s[0] + _MOST_S) & (t_s[end] < v_s[-1] - _MOST_S)
     inside &= t_s[end] - t_s[begin] < 2.0 * _SPAN_S
-    pause = np.concatenate([[0], np.cumsum(np.diff(v_s) > _LONGEST_GAP_S)])
-    near = [np.searchsorted(v_s, t_s[at] + side * _MOST_S) for at, side in ((begin, -1), (end, 1))]
-    inside &= pause[np.minimum(near[0], len(v_s) - 1)] == pause[np.minimum(near[1], len(v_s) - 1)]
     begin, end = begin[inside], end[inside]
+    pause = np.concatenate([[0], np.cumsum(np.diff(v_s) > LONGEST_GAP_S)])
+    before, after = (
+        np.searchsorted(v_s, t_s[begin] - _MOST_S, "right") - 1,
+        np.searchsorted(v_s, t_s[end] + _MOST_S),
+    )
+    whole = pause[before] == pause[after]
+    begin, end = begin[whole], end[whole]
     if len(begin) < _LEAST_WAYS:
         return None
     measured = place[end] - place[begin]
