@@ -197,7 +197,8 @@ def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
     """Return the error of a log on which the filter never started."""
     if setup.start_alone is not None:
         return StartError(
-            "no two position fixes lie inside the inertial samples: the filter without raw GNSS data cannot start",
+            "the filter without raw GNSS data cannot start: no two position fixes, half a second apart, follow a second"
+            " of inertial samples",
             advice="check the time of the [[sensor]] of kind 'position', or give [start] with its time_s",
         )
     if setup.start is None:

@@ -34,15 +34,15 @@ _SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{5,200})\*([0-9A-Fa-f]{2})")
 _BEGUN: Final = re.compile(rb"\$[A-OQ-Z][A-Z](?:GGA|RMC|GST|ZDA),")
 _CLOCK: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})(?:\.([0-9]{0,9}))?")
 _ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
-# qualities of GGA: not computed, dead reckoning, typed in, a simulator's are no fixes of satellites
+# qualities of GGA that satellites gave: others are dead reckoning, typed in, a simulator's, or nothing
 _FIXES: Final = frozenset("123459")
 _SLOW_MPS: Final = 0.1  # below it a receiver states no direction, and the velocity is none
-_FASTEST_MPS: Final = 2e4
+_MOST_MPS: Final = 1e4  # faster than an orbit
 _DAY_NS: Final = 86_400 * NS_PER_S
 
 
 @dataclass
-class _Epoch:
+class _NmeaEpoch:
     """The sentences of one time of day; missing numbers are NaN."""
 
     time_ns: int  # of the UTC day
@@ -57,7 +57,7 @@ class _Epoch:
 class _Sentences:
     """What the files hold: epochs in their order, and what was not read."""
 
-    epochs: list[_Epoch] = field(default_factory=list)
+    epochs: list[_NmeaEpoch] = field(default_factory=list)
     others: Counter[str] = field(default_factory=Counter)
     damaged: int = 0
     without_fix: int = 0
@@ -117,7 +117,7 @@ def _sentences(data: bytes) -> Iterator[tuple[int, int, bool, bytes]]:
 
 def _add_file(data: bytes, found: _Sentences) -> None:
     """Add the epochs of a file."""
-    epoch: _Epoch | None = None
+    epoch: _NmeaEpoch | None = None
     whole = 0
     for _, _, sound, body in _sentences(data):
         address, *cells = body.decode("latin-1").split(",")
@@ -132,7 +132,7 @@ def _add_file(data: bytes, found: _Sentences) -> None:
         try:
             time_ns = _time_of_day_ns(cells[0])
             if epoch is None or time_ns != epoch.time_ns:
-                epoch = _Epoch(time_ns)
+                epoch = _NmeaEpoch(time_ns)
                 found.epochs.append(epoch)
             _READERS[kind](epoch, cells)
         except _NoFixError:
@@ -146,7 +146,7 @@ class _NoFixError(Exception):
     """A sentence that states that there is no fix."""
 
 
-def _gga(epoch: _Epoch, cells: list[str]) -> None:
+def _gga(epoch: _NmeaEpoch, cells: list[str]) -> None:
     if cells[5] not in _FIXES:
         raise _NoFixError
     lat, lon = _angle(cells[1], cells[2], "NS", 90.0), _angle(cells[3], cells[4], "EW", 180.0)
@@ -156,7 +156,7 @@ def _gga(epoch: _Epoch, cells: list[str]) -> None:
     epoch.place, epoch.geoid_m = (lat, lon, height), geoid
 
 
-def _rmc(epoch: _Epoch, cells: list[str]) -> None:
+def _rmc(epoch: _NmeaEpoch, cells: list[str]) -> None:
     day = cells[8]
     if len(day) == 6:
         year = int(day[4:])
@@ -164,7 +164,7 @@ def _rmc(epoch: _Epoch, cells: list[str]) -> None:
     if cells[1] != "A":
         return
     speed = float(cells[6]) * SI_PER_UNIT["kn"]
-    if not 0.0 <= speed < _FASTEST_MPS:
+    if not 0.0 <= speed < _MOST_MPS:
         raise ValueError
     if cells[7]:
         course = math.radians(float(cells[7]))
@@ -173,12 +173,12 @@ def _rmc(epoch: _Epoch, cells: list[str]) -> None:
         epoch.velocity = 0.0, 0.0
 
 
-def _gst(epoch: _Epoch, cells: list[str]) -> None:
+def _gst(epoch: _NmeaEpoch, cells: list[str]) -> None:
     north, east, up = (float(cell) if cell else math.nan for cell in cells[5:8])
     epoch.sigma = north, east, up
 
 
-def _zda(epoch: _Epoch, cells: list[str]) -> None:
+def _zda(epoch: _NmeaEpoch, cells: list[str]) -> None:
     if cells[3]:
         epoch.date = dt.date(int(cells[3]), int(cells[2]), int(cells[1]))
 
@@ -209,7 +209,7 @@ def _angle(text: str, side: str, sides: str, most: float) -> float:
     return -angle if side == sides[1] else angle
 
 
-def _gps_times(epochs: list[_Epoch], date: dt.date | None, file: Path) -> Int64:
+def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> Int64:
     """Return the GPS times (n,); a time of day that falls by more than half a day begins the next day.
 
     Raises

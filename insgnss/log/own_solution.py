@@ -9,6 +9,7 @@ import numpy as np
 from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 
 OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
+FIX_3D: Final = 3  # kind of fix, as u-blox and PX4 number them
 _LARGEST_SIGMA: Final = 1e6
 
 

@@ -21,6 +21,7 @@ from insgnss.log.android.reader import read_android
 from insgnss.log.detect import detect_format
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu.csv_log import read_imu
+from insgnss.log.nmea import read_nmea
 from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
@@ -52,10 +53,12 @@ from tests.log import (
     rtcm_encoder,
     test_fuzz,
     test_fuzz_receivers,
+    test_nmea,
     test_novatel,
     test_rosbag,
     test_rtcm,
     test_ubx_fuzz,
+    test_ubx_solution,
     test_ulog,
 )
 from tests.log.test_rinex_navigation import message
@@ -96,6 +99,9 @@ def _check_log(log: ReceiverLog) -> None:
         _check(log.gnss)
     if log.imu is not None:
         assert (np.diff(log.imu.t_ns) > 0).all() and np.isfinite(log.imu.f_b).all()
+    for own in (log.solution, log.fixes):
+        if own is not None:
+            assert (np.diff(own.t_ns) > 0).all() and np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all()
 
 
 def _imu(path: Path) -> None:
@@ -232,7 +238,9 @@ def targets(folder: Path) -> list[Target]:
             lambda path: _drop(read_antennas(path)),
         ),
         Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
-        Target("ubx", [test_ubx_fuzz.SMALL], lambda path: _check_log(read_ubx([path]))),
+        Target(
+            "ubx", [test_ubx_fuzz.SMALL, test_ubx_solution.FIXES], lambda path: _check_log(read_ubx([path]))
+        ),
         Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
         Target("novatel", [test_novatel.FUZZED], lambda path: _check_log(read_novatel([path])), 0.3),
         Target(
@@ -242,6 +250,8 @@ def targets(folder: Path) -> list[Target]:
             0.7,
         ),
         *_optional(),
+        Target("nmea", [test_nmea.EPOCHS], lambda path: _check_log(read_nmea([path])), 0.3),
+        Target("nmea sentences", [test_nmea.EPOCHS], _resealed(read_nmea, test_nmea.resealed), 0.7),
         Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
         Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(

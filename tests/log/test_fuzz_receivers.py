@@ -24,7 +24,7 @@ from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER
 from tests.log.android_generator import epoch as android_epoch
 from tests.log.android_generator import sensor as android_sensor
-from tests.log.sbf_encoder import Channel, block, epoch, satellite, sensor, time
+from tests.log.sbf_encoder import Channel, block, covariances, epoch, fix, satellite, sensor, time
 from tests.log.test_android import SKY, T
 from tests.log.test_fuzz import DAMAGES, damaged
 from tests.log.test_rinex_observations import HEADER as OBS_HEADER
@@ -57,6 +57,8 @@ SBF_BLOCKS = [
     *(epoch(float(k), SATELLITES) for k in range(3)),
     *(sensor(k / 10, (1.0, 0.0, 0.0), (0.0, 0.0, 9.8)) for k in range(3)),
     *(gps_nav(), bds_nav(), gal_nav(2, 1)),
+    *(fix(float(k), accuracies_cm=(100, 150)) for k in range(2)),
+    *(covariances(number, 0.0, (0.5, 0.25, 1.0)) for number in (5906, 5908)),
 ]
 # A place as a share of the file, and what is put over the byte there
 FLIPS = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), max_size=8)
@@ -83,7 +85,11 @@ def check_log(read: Callable[[], ReceiverLog]) -> None:
         log = read()
     except InsGnssError:
         return
-    check_table(log.gnss)
+    own = log.satellite_fixes()
+    if len(log.gnss.t_ns) or own is None:
+        check_table(log.gnss)
+    if own is not None:
+        assert (np.diff(own.t_ns) > 0).all() and np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all()
     if log.imu is not None:
         assert (np.diff(log.imu.t_ns) > 0).all()
         assert np.isfinite(log.imu.w_ib_b).all() and np.isfinite(log.imu.f_b).all()
@@ -171,7 +177,9 @@ def test_sbf_log_cut_with_bytes_changed(path: Path, flips: list[tuple[float, int
 @settings(max_examples=EXAMPLES)
 @given(
     flips=FLIPS,
-    number=st.sampled_from([4027, 4050, 5891, 4095, 4002, 4004, 4081, 5893, 4120, 4030, 5894]),
+    number=st.sampled_from(
+        [4027, 4050, 5891, 4095, 4002, 4004, 4081, 5893, 4120, 4030, 5894, 4007, 5906, 5908]
+    ),
     size=st.integers(0, 200),
     fill=st.integers(0, 255),
 )

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from insgnss.config.flight import Reference
 from insgnss.constants import NS_PER_WEEK
@@ -41,6 +43,9 @@ def pvt(
     struct.pack_into("<iii", body, 48, 1250, -2, 30)
     struct.pack_into("<I", body, 68, 70)
     return frame(0x0107, bytes(body))
+
+
+FIXES = b"".join(pvt(250 * k) for k in range(6))
 
 
 def read(folder: Path, *frames: bytes) -> ReceiverLog:
@@ -117,3 +122,13 @@ def test_real_solution_is_the_published_one(data_root: Path) -> None:
     for name, digit in (("lat_deg", 1e-7), ("lon_deg", 1e-7), ("h_m", 1e-3), ("v_n", 1e-3)):
         apart = np.abs(getattr(own, name) - getattr(published, name))
         assert apart.max() < 0.51 * digit, name
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.binary(min_size=70, max_size=96), min_size=1, max_size=4))
+def test_solutions_of_any_content_with_a_sound_check_sum_are_read_or_left_out(
+    tmp_path_factory: pytest.TempPathFactory, bodies: list[bytes]
+) -> None:
+    own = read(tmp_path_factory.mktemp("pvt"), FIXES, *(frame(0x0107, body) for body in bodies)).solution
+    assert own is not None and len(own.t_ns) >= 6 and (np.diff(own.t_ns) > 0).all()
+    assert np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all() and np.isfinite(own.v_n).all()

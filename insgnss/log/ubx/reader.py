@@ -23,7 +23,7 @@ from insgnss.log.ubx.imu import MEAS, RAW, imu_table
 from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
 from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
-from insgnss.log.ubx.solution import PVT, solution, solution_times
+from insgnss.log.ubx.solution import DATE_AND_TIME_VALID, PVT, solution, solution_times
 from insgnss.tables import Event, ImuTable, Int64
 
 TIMEGPS: Final = 0x0120
@@ -34,7 +34,6 @@ _TM2_LAYOUT: Final = np.dtype(
     + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
 )
 _TIME_VALID, _NEW_RISE, _NEW_FALL, _UTC_BASE = 64, 128, 4, 16  # bits of the time mark's flags
-_DATE_AND_TIME_VALID: Final = 3
 _TIMEGPS_LAYOUT: Final = np.dtype(
     [("tow_ms", "<u4"), ("tow_ns", "<i4"), ("week", "<i2"), ("leap_s", "i1"), ("valid", "u1"), ("", "<u4")]
 )
@@ -153,7 +152,7 @@ def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
     valid = [
         (o, r)
         for o, r in found
-        if r["valid"] & _DATE_AND_TIME_VALID == _DATE_AND_TIME_VALID and 0 < r["week"] <= LATEST_WEEK
+        if r["valid"] & DATE_AND_TIME_VALID == DATE_AND_TIME_VALID and 0 < r["week"] <= LATEST_WEEK
     ]
     times = [int(r["week"]) * NS_PER_WEEK + int(r["tow_ms"]) * 1_000_000 + int(r["tow_ns"]) for _, r in valid]
     return np.array([o for o, _ in valid], np.int64), np.array(times, np.int64)

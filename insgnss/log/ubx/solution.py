@@ -16,7 +16,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_MS, NS_PER_S, NS_PER_WEEK
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.files import records
-from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.own_solution import FIX_3D, distinct_rows, not_independent, own_reference, stated_sigmas
 from insgnss.log.receiver import SolutionFrom
 from insgnss.log.ubx.frames import UbxFrames
 from insgnss.tables import Event, Int64, ReferenceTable
@@ -30,9 +30,9 @@ _LAYOUT: Final = np.dtype(
         *(("velocity", "<i4", (3,)), ("", "V8"), ("sigma_speed", "<u4")),
     ]
 )
-_DATE_AND_TIME_VALID: Final = 3
+DATE_AND_TIME_VALID: Final = 3
 _FIX_OK: Final = 1  # bit of the flags
-_FIX_3D, _FIX_WITH_INERTIAL = 3, 4
+_FIX_WITH_INERTIAL: Final = 4
 _M: Final = 1e-3  # the unit of lengths and speeds
 _DEG: Final = 1e-7
 
@@ -51,7 +51,7 @@ def solution(files: list[UbxFrames]) -> tuple[ReferenceTable | None, SolutionFro
     parts = [_dated(frames) for frames in files]
     rows = np.concatenate([found for _, found, _ in parts])
     t_ns = np.concatenate([found for _, _, found in parts])
-    usable = (rows["flags"] & _FIX_OK > 0) & np.isin(rows["fix"], (_FIX_3D, _FIX_WITH_INERTIAL))
+    usable = (rows["flags"] & _FIX_OK > 0) & np.isin(rows["fix"], (FIX_3D, _FIX_WITH_INERTIAL))
     kept = distinct_rows(t_ns, usable)
     if len(kept) < 2:
         return None, "satellites", []
@@ -81,7 +81,7 @@ def _dated(frames: UbxFrames) -> tuple[Int64, npt.NDArray[np.void], Int64]:
 
 def _midday_ns(row: np.void) -> int:
     """Return the middle of a solution's day, 0 when it has no valid date."""
-    if row["valid"] & _DATE_AND_TIME_VALID != _DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
+    if row["valid"] & DATE_AND_TIME_VALID != DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
         return 0
     try:
         day = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))

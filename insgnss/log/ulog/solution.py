@@ -16,7 +16,7 @@ import numpy as np
 from insgnss.constants import NS_PER_US
 from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.boot_time import BootClock, dated
-from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.own_solution import FIX_3D, distinct_rows, not_independent, own_reference, stated_sigmas
 from insgnss.log.receiver import SolutionFrom
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
@@ -26,7 +26,6 @@ SOLUTION: Final = (GLOBAL, "vehicle_local_position", "vehicle_attitude")
 # written by simulators
 TRUTH: Final = tuple(f"{name}_groundtruth" for name in SOLUTION)
 _TRUE: Final = 1.0  # quality
-_FIX_3D: Final = 3
 _LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or attitude paired with it
 Data = Mapping[tuple[str, int], Any]
 
@@ -106,7 +105,7 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
         return None, [Event(None, "ulog_damaged", f"{name} without its columns")]
     scale = np.array([1.0, 1.0, 1.0] if degrees else [1e-7, 1e-7, 1e-3])
     place = np.column_stack([np.asarray(rows[key], np.float64) for key in names]) * scale
-    good = dated(rows) & (np.asarray(rows["fix_type"]) >= _FIX_3D) & np.isfinite(place).all(axis=1)
+    good = dated(rows) & (np.asarray(rows["fix_type"]) >= FIX_3D) & np.isfinite(place).all(axis=1)
     good &= np.abs(place[:, 0]) <= 90.0
     utc_us = np.asarray(rows["time_utc_usec"]).astype(np.int64)
     t_ns = np.zeros(len(utc_us), np.int64)
