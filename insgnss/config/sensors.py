@@ -327,6 +327,11 @@ class VelocitySensor(SensorLog):
         """Where north, east and the vertical stand among its components."""
         return (1, 0, 2) if self.axes == "enu" else (0, 1, 2)
 
+    @property
+    def lacking(self) -> tuple[bool, ...]:
+        """Whether the log lacks each of north, east, down."""
+        return tuple(self.columns.velocity[k] == NO_COLUMN for k in self.ned)
+
 
 Sensor = Annotated[
     Odometer | Barometer | Magnetometer | HeadingSensor | AttitudeSensor | PositionSensor | VelocitySensor,

@@ -49,9 +49,10 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     """Read receivers' files and write a flight's inputs into the folder ``output``.
 
     Logs of one format are of one receiver; they may hold inertial samples alone. Of several formats exactly one holds
-    measurements and at most one inertial samples (an autopilot's log and its receiver's). RINEX navigation files beside
-    them are copied. The receiver's own solution, where the log has one, becomes a reference. A flight file that is
-    already there is kept: somebody may have filled it in. ``declared`` is what the files do not state.
+    measurements (or fixes, without any) and at most one inertial samples: an autopilot's log and its receiver's. RINEX
+    navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a reference;
+    without measurements its fixes take their place. A flight file that is already there is kept: somebody may have
+    filled it in. ``declared`` is what the files do not state.
 
     Raises
     ------

@@ -75,8 +75,7 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
     @property
     def _measured(self) -> list[int]:
         """The components that the log has, of north, east, down."""
-        names = [self.config.columns.velocity[k] for k in self.config.ned]
-        return [k for k, name in enumerate(names) if name != "none"]
+        return [k for k, lacking in enumerate(self.config.lacking) if not lacking]
 
 
 def fix_ecef(values: Float64, h_m: float) -> Float64:

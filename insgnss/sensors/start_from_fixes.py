@@ -21,7 +21,6 @@ import numpy as np
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart
 from insgnss.config.imu import ImuGrade
-from insgnss.config.log_table import NO_COLUMN
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
@@ -129,7 +128,7 @@ class StartFromFixes:
             return None
         config, found = self.velocities
         values, stated = (each[0] for each in found.at_times(np.array([t_ns])))
-        lacking = np.array([config.columns.velocity[k] == NO_COLUMN for k in config.ned])
+        lacking = np.array(config.lacking)
         if np.isnan(values[~lacking]).any():
             return None
         P = _sigma(stated, config.sigma_mps) ** 2 * np.eye(3)

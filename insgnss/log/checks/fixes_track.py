@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from insgnss.config.log_table import NO_COLUMN
 from insgnss.config.quantities import LeverArm
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
@@ -21,6 +20,7 @@ from insgnss.log.checks.velocity_lag import LONGEST_GAP_S, VelocityLag, velocity
 from insgnss.tables import Float64, Int64, SensorTable
 
 _SLOW_S: Final = 2.0  # before and after a fix
+_KNOWN_S: Final = 0.1  # a larger sigma hides the lag of a usual receiver
 _UNSTATED_MPS: Final = 0.1  # sigma of a velocity where neither log nor flight file has one
 
 
@@ -54,8 +54,7 @@ def fixes_track(logs: Iterable[SensorLogRead]) -> FixesTrack | None:
     v_e, sd = velocities_by_positions(t_s, r_e, np.ones(n, np.bool_))
     sd_time_s, findings = 0.0, []
     if velocities is not None:
-        lag = velocity_lag(table, velocities[1])
-        read_e, stated = _velocities(*velocities, t_s, t_ns, r_e, lag)
+        read_e, stated, lag = _velocities(*velocities, t_ns, r_e)
         if np.isfinite(read_e).all(axis=1).any():
             v_e, sd = read_e, stated
             sd_time_s = _time_sigma_s(velocities[1], lag)
@@ -70,23 +69,19 @@ def fixes_track(logs: Iterable[SensorLogRead]) -> FixesTrack | None:
 
 
 def _velocities(
-    config: VelocitySensor,
-    table: SensorTable,
-    t_s: Float64,
-    t_ns: Int64,
-    r_e: Float64,
-    lag: VelocityLag | None,
-) -> tuple[Float64, Float64]:
-    """Return the velocities (m, 3) at the fixes' times, NaN where there is none, and their sigmas (m,).
+    config: VelocitySensor, table: SensorTable, t_ns: Int64, r_e: Float64
+) -> tuple[Float64, Float64, VelocityLag | None]:
+    """Return the velocities (m, 3) at the fixes' times, NaN where there is none, their sigmas (m,), and their lag.
 
     A component that the log lacks is that of the way over some seconds, in which heights of a receiver are good enough.
     """
-    lacking = np.array([config.columns.velocity[k] == NO_COLUMN for k in config.ned])
+    lacking = np.array(config.lacking)
     good = np.isfinite(table.values[:, ~lacking]).all(axis=1)
+    t_s, v_s = ((each - t_ns[0]) / NS_PER_S for each in (t_ns, table.t_ns[good]))
     v_n, C_ne = np.full(r_e.shape, np.nan), np.array([level_axes(place) for place in r_e])
-    if good.sum() > 1:
+    lag = None if lacking[:2].any() else velocity_lag(t_s, r_e, v_s, table.values[good, :2])
+    if len(v_s) > 1:
         late_s = 0.0 if lag is None or not lag.is_sure else -lag.offset_s
-        v_s = (table.t_ns[good] - t_ns[0]) / NS_PER_S
         v_n[:, ~lacking] = _between(v_s, table.values[good][:, ~lacking], t_s + late_s)
     if lacking.any():
         early, late = np.searchsorted(t_s, t_s - _SLOW_S), np.searchsorted(t_s, t_s + _SLOW_S, "right") - 1
@@ -96,7 +91,7 @@ def _velocities(
     given = float(np.max(config.sigma_mps)) if config.sigma_mps else _UNSTATED_MPS
     stated = table.sigma[np.clip(np.searchsorted(table.t_ns, t_ns), 0, len(table.t_ns) - 1)]
     sd = np.where(lacking, -np.inf, stated).max(axis=1)
-    return v_e, np.where(np.isfinite(sd), sd, given)
+    return v_e, np.where(np.isfinite(sd), sd, given), lag
 
 
 def _between(v_s: Float64, values: Float64, at_s: Float64) -> Float64:
@@ -117,10 +112,12 @@ def _lag_findings(label: str, lag: VelocityLag | None) -> list[Finding]:
     if lag is None:
         return []
     told = f"sigma {lag.sigma_s:.3f} s"
+    if not lag.is_sure and lag.sigma_s > _KNOWN_S:
+        text = f"the position fixes do not show whether the velocities are late: {told}"
+        return [Finding("ok", label, text)]
     if not lag.is_sure:
-        return [
-            Finding("ok", label, f"its tags fit the position fixes: offset {lag.offset_s:+.3f} s, {told}")
-        ]
+        text = f"its tags fit the position fixes: offset {lag.offset_s:+.3f} s, {told}"
+        return [Finding("ok", label, text)]
     side = "late" if lag.offset_s < 0.0 else "early"
     text = f"the velocities are {abs(lag.offset_s):.3f} s {side} against the position fixes"
     advice = (

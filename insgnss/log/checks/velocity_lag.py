@@ -18,10 +18,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from insgnss.constants import NS_PER_S
-from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import level_axes
-from insgnss.tables import Float64, SensorTable
+from insgnss.tables import Float64
 
 _SPAN_S: Final = 1.0
 _MOST_S: Final = 0.5
@@ -47,20 +45,18 @@ class VelocityLag(NamedTuple):
         return far and self.log_likelihood > _SURE_LIKELIHOOD
 
 
-def velocity_lag(positions: SensorTable, velocities: SensorTable) -> VelocityLag | None:
+def velocity_lag(t_s: Float64, r_e: Float64, v_s: Float64, v_n: Float64) -> VelocityLag | None:
     """Return the correction of the velocities' tags that fits the position fixes best; None where nothing shows it.
 
     Parameters
     ----------
-    positions : latitude, longitude [rad], height [m]
-    velocities : north, east, down [m/s]
+    t_s, r_e : (n,) and (n, 3) times and places of the fixes [m]
+    v_s, v_n : (m,) and (m, 2) times of the velocities since the same moment, and they north and east [m/s]
     """
-    t_s, place = _level(positions)
-    good = np.isfinite(velocities.values[:, :2]).all(axis=1)
-    v_s = (velocities.t_ns[good] - positions.t_ns[0]) / NS_PER_S
     if len(t_s) < _LEAST_WAYS or len(v_s) < _LEAST_WAYS:
         return None
-    way = CubicSpline(v_s, velocities.values[good, :2]).antiderivative()
+    place = (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T
+    way = CubicSpline(v_s, v_n).antiderivative()
     late = np.searchsorted(t_s, t_s + _SPAN_S - 1e-3)
     begin = np.flatnonzero(late < len(t_s))
     end = late[begin]
@@ -86,22 +82,9 @@ def velocity_lag(positions: SensorTable, velocities: SensorTable) -> VelocityLag
     before, least, after = mean_square[best - 1 : best + 2]
     bend = (before - 2.0 * least + after) / _STEP_S**2
     offset_s = shifts[best] + 0.5 * (before - after) / (before - 2.0 * least + after) * _STEP_S
-    ways = 2.0 * max(
-        float(np.sum(np.diff(t_s)[np.diff(t_s) < 2.0 * _SPAN_S])) / _SPAN_S, 1.0
-    )  # of two components
+    steps = np.diff(t_s)
+    ways = 2.0 * max(float(steps[steps < 2.0 * _SPAN_S].sum()) / _SPAN_S, 1.0)  # of two components
     none = mean_square[len(shifts) // 2]
     return VelocityLag(
         float(offset_s), float(np.sqrt(2.0 * least / (bend * ways))), float(0.5 * ways * np.log(none / least))
     )
-
-
-def _level(positions: SensorTable) -> tuple[Float64, Float64]:
-    """Return times (n,) after the first fix and places (n, 2) north and east of it."""
-    good = np.isfinite(positions.values).all(axis=1)
-    r_e = np.zeros((int(good.sum()), 3))
-    for at, (lat, lon, h) in zip(r_e, positions.values[good], strict=True):
-        geodetic_to_ecef(lat, lon, h, at)
-    if not len(r_e):
-        return np.zeros(0), np.zeros((0, 2))
-    t_s = (positions.t_ns[good] - positions.t_ns[0]) / NS_PER_S
-    return t_s, (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T

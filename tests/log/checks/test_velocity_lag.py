@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.constants import NS_PER_S
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.velocity_lag import VelocityLag, velocity_lag
 from insgnss.runs.check import examine
-from insgnss.tables import Float64, SensorTable
+from insgnss.tables import Float64
 
-RADIUS_M = 6.371e6
-LAT = 0.8
+RADIUS_M = 6_378_137.0
 
 
 def motion(t_s: Float64) -> tuple[Float64, Float64]:
@@ -33,21 +31,17 @@ def logged(
     noise_mps: float = 0.05,
     still: bool = False,
     seconds: float = 120.0,
-) -> tuple[SensorTable, SensorTable]:
-    """Return position fixes and velocities of the same times that are so late."""
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """Return times and places of fixes, times and values of velocities that are so late."""
     t_s = np.arange(0.0, seconds, 1.0 / rate_hz)
     way, velocity = motion(t_s)[0], motion(t_s - lag_s)[1]
     if still:
         way, velocity = np.zeros_like(way), np.zeros_like(velocity)
     way = way + rng.normal(0.0, noise_m, way.shape)
     velocity = velocity + rng.normal(0.0, noise_mps, velocity.shape)
-    t_ns, zero = np.rint(t_s * NS_PER_S).astype(np.int64), np.zeros(len(t_s))
-    place = np.column_stack([LAT + way[:, 0] / RADIUS_M, 0.1 + way[:, 1] / (RADIUS_M * np.cos(LAT)), zero])
-    none = np.full((len(t_s), 3), np.nan)
-    return (
-        SensorTable("position", t_ns, place, none),
-        SensorTable("velocity", t_ns, np.column_stack([velocity, np.nan * zero]), none),
-    )
+    # in the Gulf of Guinea north is along z, east along y
+    r_e = np.column_stack([np.full(len(t_s), RADIUS_M), way[:, 1], way[:, 0]])
+    return t_s, r_e, t_s, velocity
 
 
 def found(lag_s: float, seed: int, **how: float) -> VelocityLag:
@@ -80,10 +74,9 @@ def test_rest_and_noise_show_no_lag() -> None:
 
 
 def test_ways_over_a_pause_do_not_count() -> None:
-    positions, velocities = logged(0.125, np.random.default_rng(6))
-    away = (velocities.t_ns > 40 * NS_PER_S) & (velocities.t_ns < 60 * NS_PER_S)
-    parts = SensorTable("v", velocities.t_ns[~away], velocities.values[~away], velocities.sigma[~away])
-    lag = velocity_lag(positions, parts)
+    t_s, r_e, v_s, v_n = logged(0.125, np.random.default_rng(6))
+    kept = (v_s <= 40.0) | (v_s >= 60.0)
+    lag = velocity_lag(t_s, r_e, v_s[kept], v_n[kept])
     assert lag is not None and lag.offset_s == pytest.approx(-0.125, abs=0.01)
 
 
