@@ -36,7 +36,7 @@ _CLOCK: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})(?:\.([0-9]{0,9}))?")
 _ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
 # qualities of GGA that satellites gave: others are dead reckoning, typed in, a simulator's, or nothing
 _FIXES: Final = frozenset("123459")
-_SLOW_MPS: Final = 0.1  # below it a receiver states no direction, and the velocity is none
+_SLOW_MPS: Final = 0.1  # a receiver that states no direction below it stands
 _MOST_MPS: Final = 1e4  # faster than an orbit
 _DAY_NS: Final = 86_400 * NS_PER_S
 

@@ -86,8 +86,10 @@ def check_log(read: Callable[[], ReceiverLog]) -> None:
     except InsGnssError:
         return
     own = log.satellite_fixes()
-    if len(log.gnss.t_ns) or own is None:
+    if len(log.gnss.t_ns):
         check_table(log.gnss)
+    else:  # a log may hold samples or a solution alone
+        assert log.imu is not None or log.solution is not None
     if own is not None:
         assert (np.diff(own.t_ns) > 0).all() and np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all()
     if log.imu is not None:

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from insgnss.config.quantities import LeverArm
 from insgnss.config.sensors import PositionSensor, VelocitySensor
@@ -96,6 +95,8 @@ def _velocities(
 
 def _between(v_s: Float64, values: Float64, at_s: Float64) -> Float64:
     """Return the curve through readings at given times, NaN beyond them and in their pauses."""
+    from scipy.interpolate import CubicSpline
+
     after = np.clip(np.searchsorted(v_s, at_s), 1, len(v_s) - 1)
     near = (at_s >= v_s[0]) & (at_s <= v_s[-1]) & (v_s[after] - v_s[after - 1] <= LONGEST_GAP_S)
     return np.where(near[:, None], CubicSpline(v_s, values)(at_s), np.nan)

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from insgnss.geodesy.local_level import level_axes
 from insgnss.tables import Float64
@@ -53,6 +52,8 @@ def velocity_lag(t_s: Float64, r_e: Float64, v_s: Float64, v_n: Float64) -> Velo
     t_s, r_e : (n,) and (n, 3) times and places of the fixes [m]
     v_s, v_n : (m,) and (m, 2) times of the velocities since the same moment, and they north and east [m/s]
     """
+    from scipy.interpolate import CubicSpline  # 30 MB that a replay does not need
+
     if len(t_s) < _LEAST_WAYS or len(v_s) < _LEAST_WAYS:
         return None
     place = (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T
