@@ -150,7 +150,7 @@ def _without_measurements(log: ReceiverLog) -> str:
     """Return what stands in for measurements, and where they may be."""
     fixes = log.satellite_fixes()
     held = "" if fixes is None else f": {len(fixes.t_ns)} fixes of the receiver take their place"
-    return f"no raw measurements{held}; a file that holds them: convert it in one call with this one, into a new folder"
+    return f"no raw measurements{held}. If another file has some, convert both in one call into a new folder"
 
 
 def _summary(done: Conversion) -> list[str]:

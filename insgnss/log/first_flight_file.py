@@ -24,6 +24,7 @@ FIXES_FILE: Final = "fixes.csv"  # where the reference is another's
 NAVIGATION_FILE: Final = "navigation.rnx"
 FLIGHT_FILE: Final = "flight.toml"
 
+_LEVER_ARM: Final = "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down"
 _SAMPLING: Final = {
     False: 'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
     True: 'sampling = "mean"  # the sensor sends what it has summed up since its last sample',
@@ -85,7 +86,7 @@ def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
         "[gnss]",
         f'files = ["{GNSS_FILE}"]{"" if found else "  # DECLARE: this file does not exist yet"}',
         _navigation_line(navigation, log),
-        "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
+        _LEVER_ARM,
         'oscillator = "tcxo"  # DECLARE when you know better',
     ]
     if not found:
@@ -115,11 +116,10 @@ def _fixes_lines(log: ReceiverLog) -> list[str]:
     if fixes is None:
         return []
     file = f'files = ["{REFERENCE_FILE if log.fixes is None else FIXES_FILE}"]'
-    lever = "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down"
     lines = [
         "",
         "# The receiver's fixes are used in place of raw measurements: remove them when you have a [gnss].",
-        *("[[sensor]]", 'kind = "position"', file, lever),
+        *("[[sensor]]", 'kind = "position"', file, _LEVER_ARM),
     ]
     sigma = np.full((len(fixes.t_ns), 6), np.nan) if fixes.sigma is None else fixes.sigma[:, :6]
     if np.isnan(sigma[:, :3]).any():
@@ -128,7 +128,14 @@ def _fixes_lines(log: ReceiverLog) -> list[str]:
     if any(measured):
         known = zip(ReferenceColumns().velocity, measured, strict=True)
         names = ", ".join(f'"{name}"' if found else '"none"' for name, found in known)
-        lines += ["", "[[sensor]]", 'kind = "velocity"', file, f"columns = {{ velocity = [{names}] }}", lever]
+        lines += [
+            "",
+            "[[sensor]]",
+            'kind = "velocity"',
+            file,
+            f"columns = {{ velocity = [{names}] }}",
+            _LEVER_ARM,
+        ]
         if np.isnan(sigma[:, 3:][:, measured]).any():
             lines.append(
                 "sigma_mps = [0.3, 0.3, 0.5]  # DECLARE: north, east, down, where the log states none"

@@ -2,7 +2,7 @@
 
 NMEA holds no measurements. Its fixes are a reference, quality 2 (no truth), or take the place of measurements.
 Sentences in a row with the same time of day are an epoch. Its date is that of its RMC or ZDA, else it follows from the
-last epoch that had one. Speed is over ground with its direction: there is no vertical velocity. Times are UTC.
+last epoch that had one. RMC states speed and direction over ground; NMEA has no vertical velocity. Times are UTC.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from insgnss.errors import InputError, TimeError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import utc_to_ns
 from insgnss.log.files import file_buffer
-from insgnss.log.own_solution import distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference, stated_sigmas
 from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.tables import Event, Int64
 from insgnss.units import SI_PER_UNIT
@@ -97,29 +97,28 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     sigma = np.full((len(fixes), 9), np.nan)
     sigma[:, :3] = stated_sigmas(np.array([epoch.sigma for epoch in fixes]))
     v_n = np.array([(*epoch.velocity, math.nan) for epoch in fixes])
-    rows = distinct_rows(t_ns, np.isfinite(place).all(axis=1))
+    rows = distinct_rows(t_ns, on_earth(place))
     table = own_reference(t_ns[rows], place[rows], sigma[rows], velocity=v_n[rows])
     events = _events(found, int(unstated.sum()), ", ".join(map(str, paths)))
     return ReceiverLog(no_measurements(), events=events, solution=table)
 
 
 def nmea_bytes(data: bytes) -> int:
-    """Return how many bytes lie in sentences with a sound check sum."""
-    return sum(end - start for start, end, sound, _ in _sentences(data) if sound)
+    """Return how many bytes lie between $ and * of sentences with a sound check sum."""
+    return sum(len(body) for sound, body in _sentences(data) if sound)
 
 
-def _sentences(data: bytes) -> Iterator[tuple[int, int, bool, bytes]]:
-    """Yield begin and end of each sentence, whether its check sum holds, and the text between $ and *."""
+def _sentences(data: bytes) -> Iterator[tuple[bool, bytes]]:
+    """Yield of each sentence whether its check sum holds, and the text between $ and *."""
     for match in _SENTENCE.finditer(data):
-        body = match[1]
-        yield match.start(), match.end(), functools.reduce(operator.xor, body) == int(match[2], 16), body
+        yield functools.reduce(operator.xor, match[1]) == int(match[2], 16), match[1]
 
 
 def _add_file(data: bytes, found: _Sentences) -> None:
     """Add the epochs of a file."""
     epoch: _NmeaEpoch | None = None
     whole = 0
-    for _, _, sound, body in _sentences(data):
+    for sound, body in _sentences(data):
         address, *cells = body.decode("latin-1").split(",")
         kind = address[2:] if len(address) == _ADDRESS and address[0] != "P" else address
         whole += kind in _READERS
@@ -143,7 +142,7 @@ def _add_file(data: bytes, found: _Sentences) -> None:
 
 
 class _NoFixError(Exception):
-    """A sentence that states that there is no fix."""
+    """The sentence says that the receiver has no fix, or has no time."""
 
 
 def _gga(epoch: _NmeaEpoch, cells: list[str]) -> None:

@@ -11,6 +11,13 @@ from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
 FIX_3D: Final = 3  # kind of fix, as u-blox and PX4 number them
 _LARGEST_SIGMA: Final = 1e6
+_LARGEST_HEIGHT_M: Final = 1e8
+
+
+def on_earth(place: Float64) -> Bool:
+    """Return which places (n, 3), latitude, longitude [deg], height [m], can be: damaged bytes may give any number."""
+    limits = np.array([90.0, 360.0, _LARGEST_HEIGHT_M])
+    return np.asarray((np.abs(place) <= limits).all(axis=1))  # false for NaN
 
 
 def distinct_rows(t_ns: Int64, good: Bool) -> Int64:

@@ -37,7 +37,9 @@ class ReceiverLog:
 
     def satellite_fixes(self) -> ReferenceTable | None:
         """Return the receiver's fixes from satellites alone, which may take the place of measurements."""
-        return self.solution if self.solution_from == "satellites" else self.fixes
+        if self.fixes is None and self.solution_from == "satellites":
+            return self.solution
+        return self.fixes
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and last GPS time of the measurements, without any of the samples, else of the solution."""

@@ -32,13 +32,14 @@ def pvt(
     valid: int = 7,
     date: tuple[int, int, int] = (2025, 8, 28),
     level_mm: int = 1500,
+    lat: int = -473_000_000,
 ) -> bytes:
     """Return a NAV-PVT of 92 bytes, its fields placed by the interface description's table of offsets."""
     body = bytearray(92)
     struct.pack_into("<IHBB", body, 0, NOON_MS + after_ms, *date)
     struct.pack_into("<B", body, 11, valid)
     struct.pack_into("<BB", body, 20, fix, flags)
-    struct.pack_into("<iiii", body, 24, 85_000_001, -473_000_000, 612_345, 564_000)
+    struct.pack_into("<iiii", body, 24, 85_000_001, lat, 612_345, 564_000)
     struct.pack_into("<II", body, 40, level_mm, 2500)
     struct.pack_into("<iii", body, 48, 1250, -2, 30)
     struct.pack_into("<I", body, 68, 70)
@@ -75,11 +76,12 @@ def test_solutions_that_are_no_fix_are_left_out(tmp_path: Path) -> None:
         pvt(3000, flags=0),  # beyond the receiver's own limits
         pvt(4000, valid=1),  # no time
         pvt(5000, date=(2025, 2, 31)),
+        pvt(5500, lat=910_000_000),
         frame(0x0107, b"\0" * 20),
     ]
     own = read(tmp_path, pvt(), *others, pvt(6000)).solution
     assert own is not None and own.t_ns.tolist() == [T0, T0 + 6 * 10**9]
-    assert read(tmp_path, pvt(), *others, rawx()).solution is None  # one fix is no track
+    assert read(tmp_path, pvt(), *others, rawx()).solution is None  # a track needs two fixes
 
 
 def test_date_beside_the_end_of_the_week_is_that_of_the_nearest_week(tmp_path: Path) -> None:
@@ -132,3 +134,4 @@ def test_solutions_of_any_content_with_a_sound_check_sum_are_read_or_left_out(
     own = read(tmp_path_factory.mktemp("pvt"), FIXES, *(frame(0x0107, body) for body in bodies)).solution
     assert own is not None and len(own.t_ns) >= 6 and (np.diff(own.t_ns) > 0).all()
     assert np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all() and np.isfinite(own.v_n).all()
+    assert np.abs(own.lat_deg).max() <= 90.0

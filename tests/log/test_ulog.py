@@ -179,6 +179,10 @@ def test_solution_of_a_simulated_flight_is_the_reference_where_it_is_named(tmp_p
     log = read(tmp_path, simulated().data, reference="vehicle_global_position")
     assert log.solution is not None and log.solution_from == "filter" and log.solution.lat_deg[0] == 47.0
     assert (log.solution.quality == 2.0).all()
+    fixes = log.satellite_fixes()
+    assert fixes is not None and np.isnan(fixes.rpy_deg).all() and fixes.h_m[0] == 547.5
+    absent = read(tmp_path, simulated().data, reference="vehicle_attitude")
+    assert absent.solution is None and absent.satellite_fixes() is absent.fixes is not None
 
 
 def test_flight_file_of_a_simulation_calls_the_reference_truth(tmp_path: Path) -> None:

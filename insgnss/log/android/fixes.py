@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.log.android.lines import AndroidCells
-from insgnss.log.own_solution import distinct_rows, own_reference
+from insgnss.log.own_solution import distinct_rows, on_earth, own_reference
 from insgnss.tables import Float64, Int64, ReferenceTable
 
 # the receiver alone before what networks helped with
@@ -33,7 +33,7 @@ def fixes(lines: AndroidCells) -> ReferenceTable | None:
         ("AltitudeMeters", "Altitude"),
     )
     place = np.column_stack([_first(lines, *pair) for pair in names])
-    usable = timed & np.isfinite(place).all(axis=1)
+    usable = timed & on_earth(place)
     provider = np.array([text.strip().lower() for text in lines.texts("Provider")], "U10")
     chosen = next((name for name in _PROVIDERS if (usable & (provider == name)).any()), None)
     usable &= provider == (chosen or "")

@@ -113,12 +113,10 @@ def _lag_findings(label: str, lag: VelocityLag | None) -> list[Finding]:
     if lag is None:
         return []
     told = f"sigma {lag.sigma_s:.3f} s"
-    if not lag.is_sure and lag.sigma_s > _KNOWN_S:
-        text = f"the position fixes do not show whether the velocities are late: {told}"
-        return [Finding("ok", label, text)]
     if not lag.is_sure:
-        text = f"its tags fit the position fixes: offset {lag.offset_s:+.3f} s, {told}"
-        return [Finding("ok", label, text)]
+        fit = f"its tags fit the position fixes: offset {lag.offset_s:+.3f} s"
+        unknown = "the position fixes do not show whether the velocities are late"
+        return [Finding("ok", label, f"{fit if lag.sigma_s <= _KNOWN_S else unknown}, {told}")]
     side = "late" if lag.offset_s < 0.0 else "early"
     text = f"the velocities are {abs(lag.offset_s):.3f} s {side} against the position fixes"
     advice = (

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.geodesy.local_level import level_axes
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _SPAN_S: Final = 1.0
 _MOST_S: Final = 0.5
@@ -52,40 +52,43 @@ def velocity_lag(t_s: Float64, r_e: Float64, v_s: Float64, v_n: Float64) -> Velo
     t_s, r_e : (n,) and (n, 3) times and places of the fixes [m]
     v_s, v_n : (m,) and (m, 2) times of the velocities since the same moment, and they north and east [m/s]
     """
-    from scipy.interpolate import CubicSpline  # 30 MB that a replay does not need
-
     if len(t_s) < _LEAST_WAYS or len(v_s) < _LEAST_WAYS:
         return None
-    place = (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T
-    way = CubicSpline(v_s, v_n).antiderivative()
-    late = np.searchsorted(t_s, t_s + _SPAN_S - 1e-3)
-    begin = np.flatnonzero(late < len(t_s))
-    end = late[begin]
-    inside = (t_s[begin] > v_s[0] + _MOST_S) & (t_s[end] < v_s[-1] - _MOST_S)
-    inside &= t_s[end] - t_s[begin] < 2.0 * _SPAN_S
-    begin, end = begin[inside], end[inside]
-    pause = np.concatenate([[0], np.cumsum(np.diff(v_s) > LONGEST_GAP_S)])
-    before, after = (
-        np.searchsorted(v_s, t_s[begin] - _MOST_S, "right") - 1,
-        np.searchsorted(v_s, t_s[end] + _MOST_S),
-    )
-    whole = pause[before] == pause[after]
-    begin, end = begin[whole], end[whole]
+    from scipy.interpolate import CubicSpline  # 30 MB that a replay does not need
+
+    begin, end = _ways(t_s, v_s)
     if len(begin) < _LEAST_WAYS:
         return None
-    measured = place[end] - place[begin]
+    place = (r_e - r_e[0]) @ level_axes(r_e[0])[:2].T
+    measured, way = place[end] - place[begin], CubicSpline(v_s, v_n).antiderivative()
     shifts = np.arange(-_MOST_S, _MOST_S + _STEP_S / 2.0, _STEP_S)
     apart = np.array([measured - (way(t_s[end] - d) - way(t_s[begin] - d)) for d in shifts])
     mean_square = np.mean(apart**2, axis=(1, 2))
     best = int(np.argmin(mean_square))
     if best in (0, len(shifts) - 1):
         return None
+    # the parabola through the least and its neighbours
     before, least, after = mean_square[best - 1 : best + 2]
-    bend = (before - 2.0 * least + after) / _STEP_S**2
-    offset_s = shifts[best] + 0.5 * (before - after) / (before - 2.0 * least + after) * _STEP_S
+    bend = before - 2.0 * least + after
     steps = np.diff(t_s)
-    ways = 2.0 * max(float(steps[steps < 2.0 * _SPAN_S].sum()) / _SPAN_S, 1.0)  # of two components
-    none = mean_square[len(shifts) // 2]
+    count = 2.0 * max(float(steps[steps < 2.0 * _SPAN_S].sum()) / _SPAN_S, 1.0)  # of two components
     return VelocityLag(
-        float(offset_s), float(np.sqrt(2.0 * least / (bend * ways))), float(0.5 * ways * np.log(none / least))
+        offset_s=float(shifts[best] + 0.5 * (before - after) / bend * _STEP_S),
+        sigma_s=float(_STEP_S * np.sqrt(2.0 * least / (bend * count))),
+        log_likelihood=float(0.5 * count * np.log(mean_square[len(shifts) // 2] / least)),
     )
+
+
+def _ways(t_s: Float64, v_s: Float64) -> tuple[Int64, Int64]:
+    """Return the first and the last fix of each way over which the velocities have no pause, shifted or not."""
+    late = np.searchsorted(t_s, t_s + _SPAN_S - 1e-3)
+    begin = np.flatnonzero(late < len(t_s))
+    end = late[begin]
+    inside = (t_s[begin] > v_s[0] + _MOST_S) & (t_s[end] < v_s[-1] - _MOST_S)
+    inside &= t_s[end] - t_s[begin] < 2.0 * _SPAN_S
+    begin, end = begin[inside], end[inside]
+    pauses = np.concatenate([[0], np.cumsum(np.diff(v_s) > LONGEST_GAP_S)])  # before each velocity
+    first = np.searchsorted(v_s, t_s[begin] - _MOST_S, "right") - 1
+    last = np.searchsorted(v_s, t_s[end] + _MOST_S)
+    whole = pauses[first] == pauses[last]
+    return begin[whole], end[whole]

@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import records
 from insgnss.log.novatel.frames import NovatelFrames
-from insgnss.log.own_solution import distinct_rows, stated_sigmas
+from insgnss.log.own_solution import distinct_rows, on_earth, stated_sigmas
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 INSPVAX: Final = 1465
@@ -130,19 +130,20 @@ def _table(
     rows: Any, t_ns: Int64, height: Float64, quality: Float64, motion: Float64, sigma: Float64 | None
 ) -> tuple[ReferenceTable | None, int]:
     """Return the usable rows in the order of time, and how many others there were."""
-    usable = (t_ns >= 0) & np.isfinite(quality) & np.isfinite(height) & (np.abs(height) < 1e8)
-    usable &= (np.abs(rows["lat"]) <= 90.0) & (np.abs(rows["lon"]) <= 360.0)
+    place = np.column_stack([rows["lat"], rows["lon"], height])
+    usable = (t_ns >= 0) & np.isfinite(quality) & on_earth(place)
     kept = distinct_rows(t_ns, usable)
     if len(kept) < 2:
         return None, len(rows)
     motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[kept]
     if sigma is not None:
         sigma = stated_sigmas(sigma)[kept]
+    lat_deg, lon_deg, h_m = place[kept].T
     table = ReferenceTable(
         t_ns[kept],
-        rows["lat"][kept],
-        rows["lon"][kept],
-        height[kept],
+        lat_deg,
+        lon_deg,
+        h_m,
         motion[:, :3],
         motion[:, 3:],
         quality[kept],

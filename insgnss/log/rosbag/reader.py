@@ -21,7 +21,7 @@ from insgnss.errors import InputError
 from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.imu.sensor_pairs import paired
-from insgnss.log.own_solution import distinct_rows, not_independent, own_reference
+from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.rosbag.mcap_file import Topic, read_topics
 from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
@@ -184,9 +184,7 @@ def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
     place = np.array([(m.latitude, m.longitude, m.altitude) for _, m in messages], np.float64)
     covariance = np.array([list(m.position_covariance) for _, m in messages], np.float64)
     known = np.array([m.position_covariance_type > 0 for _, m in messages])
-    good = (t_ns >= 0) & np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0)
-    good &= (np.abs(place[:, 1]) <= 360.0) & (np.abs(place[:, 2]) < 1e8)
-    rows = distinct_rows(t_ns, good)
+    rows = distinct_rows(t_ns, (t_ns >= 0) & on_earth(place))
     if len(rows) < 2:
         return None
     sigma = np.full((len(rows), 9), np.nan)

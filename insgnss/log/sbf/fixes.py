@@ -26,8 +26,8 @@ from insgnss.log.sbf.blocks import (
     block_times_ns,
     time_known,
 )
+from insgnss.log.sbf.solution import solved_rows
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
-from insgnss.units import RAD_PER_DEG
 
 _MODE_MASK, _FIX_2D = 0x0F, 0x80  # of the byte that names the kind of solution
 _ACCURACIES: Final = np.dtype([("cm", "<u2", (2,))])  # across, height
@@ -41,19 +41,13 @@ def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Even
     rows = block_records(data, blocks, PVT)
     if not len(rows):
         return None, []
-    place = np.column_stack([rows[name] for name in ("lat_rad", "lon_rad", "h_m")])
-    usable = time_known(rows) & (rows["error"] == 0) & (place > FLOAT_MISSING).all(axis=1)
-    usable &= np.isfinite(place).all(axis=1)
-    usable &= (rows["mode"] & _MODE_MASK > 0) & (rows["mode"] & _FIX_2D == 0)
-    events = []
-    if not usable.all():
-        detail = f"{int((~usable).sum())} PVTGeodetic block(s) without a fix in three dimensions left out"
-        events.append(Event(None, "sbf_no_solution", detail))
-    t_ns = block_times_ns(rows)
-    kept = distinct_rows(t_ns, usable)
+    in_space = (rows["mode"] & _MODE_MASK > 0) & (rows["mode"] & _FIX_2D == 0)
+    place, kept, events = solved_rows(
+        rows, in_space, "PVTGeodetic block(s) without a fix in three dimensions"
+    )
     if len(kept) < 2:
         return None, events
-    t_ns, place = t_ns[kept], place[kept] / [RAD_PER_DEG, RAD_PER_DEG, 1.0]
+    t_ns = block_times_ns(rows[kept])
     sigma = np.full((len(kept), 9), np.nan)
     for number, columns in ((POS_COV, slice(0, 3)), (VEL_COV, slice(3, 6))):
         sigma[:, columns] = _sigmas(block_records(data, blocks, number), t_ns)
@@ -61,7 +55,7 @@ def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Even
     sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), stated, sigma[:, :3])
     velocity = rows["v_neu"][kept].astype(np.float64)
     velocity = np.where(velocity > FLOAT_MISSING, velocity, np.nan) * [1.0, 1.0, -1.0]
-    return own_reference(t_ns, place, sigma, velocity=velocity), events
+    return own_reference(t_ns, place[kept], sigma, velocity=velocity), events
 
 
 def _sigmas(rows: Any, at_ns: Int64) -> Float64:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.log.files import records
-from insgnss.log.own_solution import distinct_rows
+from insgnss.log.own_solution import distinct_rows, on_earth
 from insgnss.log.sbf.blocks import (
     FLOAT_MISSING,
     HEADER_LENGTH,
@@ -24,7 +24,7 @@ from insgnss.log.sbf.blocks import (
     block_times_ns,
     time_known,
 )
-from insgnss.tables import Event, Float64, Int64, ReferenceTable
+from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 from insgnss.units import RAD_PER_DEG
 
 _TRIPLE: Final = np.dtype([("value", "<f4", (3,))])
@@ -38,36 +38,46 @@ def solution(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[E
     heads = block_records(data, blocks, INS_NAV)
     if not len(heads):
         return None, []
-    starts = np.array(blocks.starts[INS_NAV], np.int64)
-    place = np.column_stack([heads[name] for name in ("lat_rad", "lon_rad", "h_m")])
-    usable = time_known(heads) & (heads["error"] == 0) & (place > FLOAT_MISSING).all(axis=1)
-    usable &= np.isfinite(place).all(axis=1)
-    events = []
-    if not usable.all():
-        detail = f"{int((~usable).sum())} INSNavGeod block(s) without a solution left out"
-        events.append(Event(None, "sbf_no_solution", detail))
-    t_ns = block_times_ns(heads)
-    rows = distinct_rows(t_ns, usable)
+    place, rows, events = solved_rows(heads, True, "INSNavGeod block(s) without a solution")
     if len(rows) < 2:
         return None, events
-    parts = _parts(data, starts[rows], heads[rows])
+    parts = _parts(data, np.array(blocks.starts[INS_NAV], np.int64)[rows], heads[rows])
     # the receiver's order: latitude, longitude, height; east, north, up; heading, pitch, roll
     velocity = parts[_VELOCITY][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
     attitude = parts[_ATTITUDE][:, ::-1]
     sigma = np.column_stack(
         [parts[_POSITION_SD], parts[_VELOCITY_SD][:, [1, 0, 2]], parts[_ATTITUDE_SD][:, ::-1]]
     )
+    lat_deg, lon_deg, h_m = place[rows].T
     table = ReferenceTable(
-        t_ns[rows],
-        place[rows, 0] / RAD_PER_DEG,
-        place[rows, 1] / RAD_PER_DEG,
-        place[rows, 2],
+        block_times_ns(heads[rows]),
+        lat_deg,
+        lon_deg,
+        h_m,
         velocity,
         attitude,
         np.ones(len(rows)),
         sigma,
     )
     return table, events
+
+
+def solved_rows(
+    rows: npt.NDArray[np.void], usable: Bool | bool, lost: str
+) -> tuple[Float64, Int64, list[Event]]:
+    """Return places (n, 3) of a receiver's solutions [deg, deg, m], the rows to take, and an event for the others.
+
+    Parameters
+    ----------
+    usable : which may be taken, if they have a time, no error and a place
+    lost : what the others are
+    """
+    place = np.column_stack([rows["lat_rad"] / RAD_PER_DEG, rows["lon_rad"] / RAD_PER_DEG, rows["h_m"]])
+    good = time_known(rows) & (rows["error"] == 0) & on_earth(place) & usable
+    events = []
+    if not good.all():
+        events.append(Event(None, "sbf_no_solution", f"{int((~good).sum())} {lost} left out"))
+    return place, distinct_rows(block_times_ns(rows), good), events
 
 
 def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Float64]:

@@ -1,7 +1,7 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
 Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVT, the
-receiver's own solution; it or NAV-TIMEGPS gives the time where there is no raw measurement. Everything else is counted.
+receiver's own solution. In files without raw measurements it or NAV-TIMEGPS gives the time. Everything else is counted.
 Read by ``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
 """
 
@@ -23,7 +23,7 @@ from insgnss.log.ubx.imu import MEAS, RAW, imu_table
 from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
 from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
-from insgnss.log.ubx.solution import DATE_AND_TIME_VALID, PVT, solution, solution_times
+from insgnss.log.ubx.solution import DATE_AND_TIME_VALID, PVT, PvtRows, pvt_rows, solution
 from insgnss.tables import Event, ImuTable, Int64
 
 TIMEGPS: Final = 0x0120
@@ -67,6 +67,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
     imu: list[ImuTable] = []
     events: list[Event] = []
     messages = UbxMessages()
+    solved: list[PvtRows] = []
     for frames in files:
         if not frames.count:
             raise InputError(
@@ -74,8 +75,9 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
                 file=frames.path,
                 advice="give the receiver's own log; NMEA holds no measurements",
             )
+        solved.append(pvt_rows(frames))
         part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
-        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _other_times(frames)
+        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _times_without_raw(frames, solved[-1])
         messages.add_file(frames, offset, t_ns)
         table, told = imu_table(frames, offset, t_ns)
         events += [*frames.events(KNOWN), *found, *told, *_time_marks(frames)]
@@ -83,7 +85,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         imu += [] if table is None else [table]
     gnss, told = observation_table(epochs, paths[0])
     joined_imu, joining = _joined_imu(imu, str(paths[0]))
-    own, source, solved = solution(files)
+    own, source, whose = solution(solved, str(paths[0]))
     if not len(gnss.t_ns) and joined_imu is None and own is None:
         why = "; ".join(event.detail for event in events if event.kind == "imu_not_used")
         raise InputError(
@@ -95,7 +97,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
     leaps = np.concatenate([part.leap_s for part in epochs])
     if (leaps != -128).any():
         messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
-    events += [*told, *messages.events(str(paths[0])), *solved]
+    events += [*told, *messages.events(str(paths[0])), *whose]
     navigation = messages.broadcast.navigation()
     return ReceiverLog(gnss, navigation, joined_imu, events + joining, own, solution_from=source)
 
@@ -137,9 +139,9 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
     return events
 
 
-def _other_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return the positions of the receiver's solutions, else of NAV-TIMEGPS, in a file and their GPS times."""
-    return solution_times(frames) if frames.of(PVT) else _gps_times(frames)
+def _times_without_raw(frames: UbxFrames, solved: PvtRows) -> tuple[Int64, Int64]:
+    """Return where the receiver's solutions, else NAV-TIMEGPS, lie in a file, and their GPS times."""
+    return (solved.offsets, solved.t_ns) if frames.of(PVT) else _gps_times(frames)
 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:

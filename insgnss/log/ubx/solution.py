@@ -7,16 +7,23 @@ component gets them whole. The time of the week is GPS time, the date UTC.
 
 from __future__ import annotations
 
-import datetime as dt
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_MS, NS_PER_S, NS_PER_WEEK
-from insgnss.gpstime import datetime_to_ns
+from insgnss.gpstime import GPS_EPOCH
 from insgnss.log.files import records
-from insgnss.log.own_solution import FIX_3D, distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.own_solution import (
+    FIX_3D,
+    distinct_rows,
+    not_independent,
+    on_earth,
+    own_reference,
+    stated_sigmas,
+)
 from insgnss.log.receiver import SolutionFrom
 from insgnss.log.ubx.frames import UbxFrames
 from insgnss.tables import Event, Int64, ReferenceTable
@@ -33,58 +40,53 @@ _LAYOUT: Final = np.dtype(
 DATE_AND_TIME_VALID: Final = 3
 _FIX_OK: Final = 1  # bit of the flags
 _FIX_WITH_INERTIAL: Final = 4
+_DAY_NS: Final = 86_400 * NS_PER_S
 _M: Final = 1e-3  # the unit of lengths and speeds
 _DEG: Final = 1e-7
 
 
-def solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return the positions (n,) in a file of the solutions whose date and time are valid, and their GPS times."""
-    offsets, _, t_ns = _dated(frames)
-    return offsets, t_ns
+class PvtRows(NamedTuple):
+    """The solutions of a file whose date and time are valid."""
+
+    offsets: Int64  # (n,) where they lie in the file
+    t_ns: Int64  # (n,)
+    rows: npt.NDArray[np.void]  # (n,)
 
 
-def solution(files: list[UbxFrames]) -> tuple[ReferenceTable | None, SolutionFrom, list[Event]]:
-    """Return the fixes in three dimensions of all files, None with less than two.
+def pvt_rows(frames: UbxFrames) -> PvtRows:
+    """Return the solutions of a file. The date gives the week, the milliseconds of the week the time in it."""
+    offsets = [offset for offset, length in frames.of(PVT) if length >= _LAYOUT.itemsize]
+    rows = records(frames.data, offsets, _LAYOUT)
+    month = (rows["year"].astype(np.int64) - 1970) * 12 + rows["month"] - 1
+    begin = month.astype("datetime64[M]")
+    day = begin.astype("datetime64[D]") + (rows["day"].astype(np.int64) - 1)
+    good = (rows["valid"] & DATE_AND_TIME_VALID == DATE_AND_TIME_VALID) & (
+        day.astype("datetime64[M]") == begin
+    )
+    good &= (rows["year"] > 1980) & (rows["year"] < 2171) & (rows["month"] >= 1) & (rows["month"] <= 12)
+    midday = (day - np.datetime64(GPS_EPOCH, "D")).astype(np.int64) * _DAY_NS + _DAY_NS // 2
+    half = NS_PER_WEEK // 2
+    t_ns = midday + (rows["tow_ms"].astype(np.int64) * NS_PER_MS - midday + half) % NS_PER_WEEK - half
+    return PvtRows(np.array(offsets, np.int64)[good], t_ns[good], rows[good])
 
-    They are those of a filter where the receiver says of any that its own inertial sensor has a share.
+
+def solution(parts: Sequence[PvtRows], file: str) -> tuple[ReferenceTable | None, SolutionFrom, list[Event]]:
+    """Return the 3D fixes of all files, None with less than two.
+
+    If the receiver's own inertial sensor has a share in any of them, they are those of a filter.
     """
-    parts = [_dated(frames) for frames in files]
-    rows = np.concatenate([found for _, found, _ in parts])
-    t_ns = np.concatenate([found for _, _, found in parts])
+    rows = np.concatenate([part.rows for part in parts])
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    place = np.column_stack([rows["lat"] * _DEG, rows["lon"] * _DEG, rows["height"] * _M])
     usable = (rows["flags"] & _FIX_OK > 0) & np.isin(rows["fix"], (FIX_3D, _FIX_WITH_INERTIAL))
-    kept = distinct_rows(t_ns, usable)
+    kept = distinct_rows(t_ns, usable & on_earth(place))
     if len(kept) < 2:
         return None, "satellites", []
     rows = rows[kept]
-    place = np.column_stack([rows["lat"] * _DEG, rows["lon"] * _DEG, rows["height"] * _M])
     names = ("sigma_level", "sigma_level", "sigma_height", *["sigma_speed"] * 3)
     stated = stated_sigmas(np.column_stack([rows[name] * _M for name in names]))
     sigma = np.column_stack([stated, np.full((len(rows), 3), np.nan)])
-    table = own_reference(t_ns[kept], place, sigma, velocity=rows["velocity"] * _M)
+    table = own_reference(t_ns[kept], place[kept], sigma, velocity=rows["velocity"] * _M)
     source: SolutionFrom = "filter" if (rows["fix"] == _FIX_WITH_INERTIAL).any() else "satellites"
     what = "solution with its inertial sensor" if source == "filter" else "fixes"
-    return table, source, [not_independent(f"NAV-PVT, the receiver's {what}")]
-
-
-def _dated(frames: UbxFrames) -> tuple[Int64, npt.NDArray[np.void], Int64]:
-    """Return positions, content and GPS times of the solutions of a file whose date and time are valid."""
-    offsets = [offset for offset, length in frames.of(PVT) if length >= _LAYOUT.itemsize]
-    rows = records(frames.data, offsets, _LAYOUT)
-    midday = np.array([_midday_ns(row) for row in rows], np.int64)
-    tow = rows["tow_ms"].astype(np.int64) * NS_PER_MS
-    half = NS_PER_WEEK // 2
-    # the date gives the week, the milliseconds of the week the time in it
-    t_ns = midday + (tow - midday + half) % NS_PER_WEEK - half
-    good = midday > 0
-    return np.array(offsets, np.int64)[good], rows[good], t_ns[good]
-
-
-def _midday_ns(row: np.void) -> int:
-    """Return the middle of a solution's day, 0 when it has no valid date."""
-    if row["valid"] & DATE_AND_TIME_VALID != DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
-        return 0
-    try:
-        day = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
-    except ValueError:
-        return 0  # no date of the calendar
-    return datetime_to_ns(day) + NS_PER_S * 43_200
+    return table, source, [not_independent(f"NAV-PVT of {file}, the receiver's {what}")]

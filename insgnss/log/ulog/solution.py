@@ -16,7 +16,14 @@ import numpy as np
 from insgnss.constants import NS_PER_US
 from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.boot_time import BootClock, dated
-from insgnss.log.own_solution import FIX_3D, distinct_rows, not_independent, own_reference, stated_sigmas
+from insgnss.log.own_solution import (
+    FIX_3D,
+    distinct_rows,
+    not_independent,
+    on_earth,
+    own_reference,
+    stated_sigmas,
+)
 from insgnss.log.receiver import SolutionFrom
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
@@ -60,9 +67,7 @@ def solution(data: Data, clock: BootClock, wanted: str | None) -> UlogSolution:
             found, events = _filtered(data, clock, topics)
             if found is not None or wanted is not None:
                 return UlogSolution(found, "truth" if topics is TRUTH else "filter", fixed, events)
-    if name in (None, *FIXES):
-        return UlogSolution(fixed, events=told)
-    return UlogSolution(fixes=fixed)
+    return UlogSolution(fixed, events=told) if name in (None, *FIXES) else UlogSolution(fixes=fixed)
 
 
 def _filtered(
@@ -76,7 +81,7 @@ def _filtered(
     t_ns = clock.gps_ns(sampled_us(rows))
     place = np.column_stack([np.asarray(rows[name], np.float64) for name in ("lat", "lon", "alt")])
     place[:, 2] += _above_ellipsoid(data, rows)
-    kept = distinct_rows(t_ns, np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0))
+    kept = distinct_rows(t_ns, on_earth(place))
     if len(kept) < 2:
         return None, []
     velocity = _beside(data.get((velocities, 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
@@ -105,8 +110,7 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
         return None, [Event(None, "ulog_damaged", f"{name} without its columns")]
     scale = np.array([1.0, 1.0, 1.0] if degrees else [1e-7, 1e-7, 1e-3])
     place = np.column_stack([np.asarray(rows[key], np.float64) for key in names]) * scale
-    good = dated(rows) & (np.asarray(rows["fix_type"]) >= FIX_3D) & np.isfinite(place).all(axis=1)
-    good &= np.abs(place[:, 0]) <= 90.0
+    good = dated(rows) & (np.asarray(rows["fix_type"]) >= FIX_3D) & on_earth(place)
     utc_us = np.asarray(rows["time_utc_usec"]).astype(np.int64)
     t_ns = np.zeros(len(utc_us), np.int64)
     t_ns[good] = unix_to_gps_ns(utc_us[good] * NS_PER_US)
