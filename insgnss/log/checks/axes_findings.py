@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.log.checks.axis_search import EQUAL, SURE, Match
+from insgnss.log.checks.axis_search import EQUAL, SURE, Match, is_map
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.report import AXES_FIT, Finding, Proposal
 from insgnss.log.checks.vehicle_axes import VehicleAxes, contradicted, forward_known, names, strangeness
@@ -45,9 +45,20 @@ def axes_findings(declared: AxesDeclaration, found: list[VehicleAxes], match: Ma
 
 
 def decided(found: list[VehicleAxes]) -> bool:
-    """Return whether one reading leads, by the log or by being the simplest: time and lever arm are asked with it."""
+    """Return whether one reading leads, by the log or by being the simplest: the lever arm is asked with it."""
     best = found[0]
     return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(found))
+
+
+def gyros_known(found: list[VehicleAxes]) -> bool:
+    """Return whether one reading leads in how gyros and accelerometers go together: the time is asked with it.
+
+    Which of the axes is forward may be left open.
+    """
+    best = found[0].hypothesis
+    near = [axes.hypothesis for axes in _near(found)]
+    alike = all(one.handed == best.handed and is_map(one, best.gyro_map, best.factor) for one in near)
+    return alike or decided(found)
 
 
 def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
@@ -84,12 +95,22 @@ def _open_columns(best: VehicleAxes, near: list[VehicleAxes]) -> list[str]:
 
 
 def _undecided(readings: list[VehicleAxes]) -> Finding:
-    ordered = sorted(readings, key=strangeness)
+    """Return the finding where the log decides between readings of which the declared one is not the likeliest."""
+    advice = "turns with bank or pitch, accelerations and stops would decide"
+    declared = next((axes for axes in readings if axes.rank == 0), None)
+    ordered = sorted((axes for axes in readings if axes is not declared), key=strangeness)
+    if declared is not None:
+        text = (
+            "the motion prefers other axes to the declared ones, which it does not rule out:"
+            f" axes {_listed(ordered)}"
+        )
+        above = declared.cost - min(axes.cost for axes in readings)
+        return Finding("warning", "motion", text, advice, f"log likelihood {above / 2.0:.0f} above")
     text = f"the declared axes do not fit the motion; several others do: axes {_listed(ordered)}"
     columns = _open_columns(ordered[0], ordered[1:])
     if len(columns) <= MOST_OPEN:
         text += f"; they differ in {', '.join(columns)} alone"
-    return Finding("error", "motion", text, "turns with bank or pitch, accelerations and stops would decide")
+    return Finding("error", "motion", text, advice)
 
 
 def _listed(readings: list[VehicleAxes]) -> str:

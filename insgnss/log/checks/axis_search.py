@@ -20,7 +20,7 @@ from insgnss.log.checks.motion_fit import (
     signed_permutations,
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
-from insgnss.log.checks.nose_first import SLOW_MPS, Nose, noses
+from insgnss.log.checks.nose_first import Nose, epoch_weight, mean_direction, noses, slowest
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 
@@ -210,7 +210,7 @@ def _directions(
     chosen: list[GnssStretch], start_s: Float64, path: Path, h: int, handed: int, shift_s: float
 ) -> tuple[Float64, Float64]:
     """Return the mean directions of motion and of gravity in sensor axes under one hypothesis."""
-    along, down, weight = np.zeros(3), np.zeros(3), 1e-9
+    along, down, epochs, least = np.zeros(3), np.zeros(3), 0.0, slowest(chosen)
     for i, stretch in enumerate(chosen):
         lag = lag_of(stretch.t_s)
         gained = path_at(path.gained[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
@@ -218,9 +218,9 @@ def _directions(
         q = path_at(path.q[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
         back = q / np.linalg.norm(q, axis=1, keepdims=True) * np.array([1.0, -1.0, -1.0, -1.0])
         speed = np.linalg.norm(stretch.v_e, axis=1)
-        fast = speed > SLOW_MPS
+        fast = speed > least
         v_s = rotate(back, (stretch.v_e / np.maximum(speed, 1e-9)[:, None]) @ Q)
         along += v_s[fast].sum(axis=0)
-        weight += float(fast.sum())
+        epochs += float(fast.sum())
         down += rotate(back, np.broadcast_to(-stretch.up_e @ Q, (len(q), 3))).mean(axis=0)
-    return along / weight, down / len(chosen)
+    return mean_direction(along, epochs, epoch_weight(chosen[0])), down / len(chosen)

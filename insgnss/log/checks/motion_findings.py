@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.log.checks.axes_findings import axes_findings, decided
+from insgnss.log.checks.axes_findings import axes_findings, decided, gyros_known
 from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.lever_arm import lever_arm_findings
@@ -48,11 +48,13 @@ def motion_findings(
     best = found[0]
     unit = _unit_findings(declared, best, match)
     axes = axes_findings(declared, found, match)
-    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if decided(found) else None
+    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if gyros_known(found) else None
     if timing is None:
         return [*unit, *axes]
     known = timing._replace(sd_s=float(np.hypot(timing.sd_s, track.sd_time_s)))
     times = offset_findings(flight, known, match.contrast, track.origin_ns)
+    if not decided(found):
+        return [*unit, *axes, *times]
     free = np.zeros(3)
     refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
     if refined is None:

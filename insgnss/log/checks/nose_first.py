@@ -27,8 +27,11 @@ from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.stretches import GnssStretch, lag_of
 from insgnss.tables import Float64
 
-SLOW_MPS: Final = 1.0  # slower motion has no direction
-CLEAR: Final = 5.0  # nor has one that is not so many sigmas of the velocity
+SLOW_MPS: Final = (
+    1.0  # slower motion has no direction, a car may creep backwards; half of a slow vehicle's usual speed
+)
+USUAL: Final = 0.9  # share of the epochs below a vehicle's usual speed
+CLEAR: Final = 5.0  # nor has motion that is not so many sigmas of the velocity
 # The nose points along the motion to so much: angle of attack, wind, a car's tail in a turn, the walker's step [rad]
 DIRECTION_SD: Final = 0.2
 CORRELATION_S: Final = 10.0  # and so long it stays off on one side
@@ -42,7 +45,7 @@ AXES: Final = np.concatenate((np.eye(3), -np.eye(3)))
 class Nose(NamedTuple):
     """A direction in which the vehicle moves, and the cost of assuming it throughout the log."""
 
-    along_s: Float64  # (3,) mean direction in sensor axes; short where it wanders
+    along_s: Float64  # (3,) mean direction in sensor axes; short where it wanders, or is seen for a few seconds alone
     cost: float  # -2 log likelihood above that of the velocities alone with a direction that holds exactly
 
     @property
@@ -113,7 +116,10 @@ def noses(
     shift_s : added to the inertial tags
     down_s : mean direction of gravity in sensor axes: no vehicle moves along it for long
     """
-    parts = [_moments(one, float(start_s[i]), path, h, i, handed, shift_s) for i, one in enumerate(chosen)]
+    least = slowest(chosen)
+    parts = [
+        _moments(one, float(start_s[i]), path, h, i, handed, shift_s, least) for i, one in enumerate(chosen)
+    ]
     base = sum(part.each * part.ds.size * np.log(_least(part) / part.ds.size + part.floor) for part in parts)
     level = AXES[np.abs(AXES @ down_s) < LEVEL]
     found: list[Nose] = []
@@ -123,6 +129,25 @@ def noses(
         if all(float(a @ other) < APART for other in others):
             found.append(nose)
     return found
+
+
+def slowest(chosen: list[GnssStretch]) -> float:
+    """Return the speed from which on motion has a direction [m/s]."""
+    speeds = np.concatenate([np.linalg.norm(stretch.v_e, axis=1) for stretch in chosen])
+    return min(SLOW_MPS, 0.5 * float(np.quantile(speeds, USUAL)))
+
+
+def epoch_weight(stretch: GnssStretch) -> float:
+    """Return as how much of an independent direction one epoch counts."""
+    return min(1.0, float(np.median(np.diff(stretch.t_s))) / CORRELATION_S)
+
+
+def mean_direction(total: Float64, epochs: float, weight: float) -> Float64:
+    """Return the mean of ``epochs`` unit vectors with a sum, shorter where together they are less than one direction.
+
+    The start of a rover that was for 0.4 s faster than 1 m/s had shown which of its axes is forward, to the contrary.
+    """
+    return np.asarray(total * weight / max(epochs * weight, 1.0))
 
 
 def _least(part: _Moments) -> float:
@@ -138,7 +163,7 @@ def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
         total = sum(
             (np.einsum("ijl,ij", p.turned, Q) for p, (Q, _) in zip(parts, fits, strict=True)), np.zeros(3)
         )
-        mean = total / max(sum(part.fast for part in parts), 1.0)
+        mean = mean_direction(total, sum(part.fast for part in parts), parts[0].once)
         length = float(np.linalg.norm(mean))
         if length < 1e-6:
             break
@@ -147,7 +172,14 @@ def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
 
 
 def _moments(
-    stretch: GnssStretch, start_s: float, path: Path, h: int, i: int, handed: int, shift_s: float
+    stretch: GnssStretch,
+    start_s: float,
+    path: Path,
+    h: int,
+    i: int,
+    handed: int,
+    shift_s: float,
+    least_mps: float,
 ) -> _Moments:
     lag = lag_of(stretch.t_s)
     t_s = stretch.t_s - shift_s
@@ -155,12 +187,11 @@ def _moments(
     q = path_at(path.q[h : h + 1, i], start_s, t_s)[0]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     speed = np.linalg.norm(stretch.v_e, axis=1)
-    fast = speed > max(SLOW_MPS, CLEAR * stretch.sd_mps)
+    fast = speed > max(least_mps, CLEAR * stretch.sd_mps)
     C = np.stack(
         [rotate(q[fast], np.broadcast_to(unit, (int(fast.sum()), 3))) for unit in np.eye(3)], axis=-1
     )
     turned = np.einsum("ki,kjl->ijl", stretch.v_e[fast] / speed[fast, None], C)
-    step_s = float(np.median(np.diff(stretch.t_s)))
     return _Moments(
         stretch.s_e[lag:] - stretch.s_e[:-lag],
         gained[lag:] - gained[:-lag],
@@ -168,6 +199,6 @@ def _moments(
         float(fast.sum()),
         2.0 * stretch.sd_mps**2 + MODEL_SIGMA_MPS**2,
         1.0 / (CORRELATED * lag),
-        min(1.0, step_s / CORRELATION_S),
+        epoch_weight(stretch),
         handed,
     )
