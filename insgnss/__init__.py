@@ -9,8 +9,8 @@ Conventions, assumed by every file:
   velocity, roll, pitch, yaw.
 - Error = estimate minus truth, everywhere: ``r_e_hat = r_e + dr``, ``C_eb_hat = (I + [psi x]) C_eb``, estimated bias
   minus true bias. Innovation = measured minus predicted.
-- Error state, in this order: dr_e(3) dv_e(3) psi_e(3) b_a(3) b_g(3) clock bias [m] clock drift [m/s], then one
-  further states as ``filter.layout`` has them. Indices exist only in ``inertial/error_state.py``, as names.
+- Error state, in this order: dr_e(3) dv_e(3) psi_e(3) b_a(3) b_g(3) clock bias [m] clock drift [m/s], then the
+  further states in the order of ``filter.layout``. Indices exist only in ``inertial/error_state.py``, as names.
 - Clock in metres and m/s. Range rate is positive when the distance grows; Doppler has the RINEX sign (positive when the
   distance shrinks): range_rate = -wavelength * doppler.
 - Quaternions scalar first (Hamilton).

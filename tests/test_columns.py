@@ -163,6 +163,12 @@ def test_unit_is_the_longest_ending_of_the_name() -> None:
     names = ("doppler_rate_hz_per_s", "vn_mps", "range_jerk_mps3", "sd_gain_db", "cn0_dbhz", "sv")
 
     assert [unit_of(name) for name in names] == ["Hz/s", "m/s", "m/s³", "dB", "dB-Hz", ""]
+    assert unit_of("gyro_x_degps_per_sqrt_hz") == "°/s/√Hz" and unit_of("gyro_x_max_degps") == "°/s"
+
+
+def test_unit_of_a_ratio_is_a_ratio() -> None:
+    names = [c.name for sheet in SHEETS.values() for c in sheet.columns()]
+    assert [name for name in names if "_per_" in name and "/" not in unit_of(name)] == []
 
 
 def test_every_status_has_a_meaning() -> None:

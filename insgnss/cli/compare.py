@@ -13,6 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
+from insgnss.errors import ConfigError
 from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ def compare(
     """Compare runs of a flight: differences over time, statistics, sigma beside each other."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(*runs)):
+        if len(runs) < 2:
+            raise ConfigError("one run alone", key="RUNS", advice="give two or more")
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.compare import compare_runs, write_comparison
         from insgnss.runs.result import Run

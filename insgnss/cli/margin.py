@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.option_guard import refuse_given
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import counting, telling
 from insgnss.cli.table_form import table_form
@@ -24,15 +25,29 @@ if TYPE_CHECKING:
 
     from insgnss.interference.lock_thresholds import LockThreshold
     from insgnss.interference.margin import PhaseLoop
+    from insgnss.results.table_files import TableFormat
     from insgnss.runs.margin import FlownMargin
 
 
+# What a saved run takes from the file of emitters
+_OF_THE_LOOP: Final = (
+    *("signal", "discriminator", "threshold", "oscillator", "imu", "interval", "bandwidth", "accumulation"),
+    *("cn0", "acceleration", "lasting", "simulate", "seed"),
+)
+
+
 def margin(
+    context: typer.Context,
     run: Annotated[
-        Path | None, typer.Argument(help="A saved run (its folder), to be flown past the emitters.")
+        Path | None, typer.Argument(help="A saved run (its folder): the receiver moves along its path.")
     ] = None,
     emitters: Annotated[
-        Path | None, typer.Option("--emitters", "-e", help="File of emitters, receiver and dynamics (TOML).")
+        str | None,
+        typer.Option(
+            "--emitters",
+            "-e",
+            help="Emitters, receiver and dynamics: a name in models/emitters, or a file (TOML).",
+        ),
     ] = None,
     signal: Annotated[str, typer.Option("--signal", "-s", help="A name, or RINEX G:C1C.")] = "GPS L1 C/A",
     discriminator: Annotated[
@@ -40,7 +55,10 @@ def margin(
     ] = "IQ",
     threshold: Annotated[
         float | None,
-        typer.Option("--threshold", help="rms over aperture at loss of lock; table 1 without it."),
+        typer.Option(
+            "--threshold",
+            help="Phase error (rms) over the discriminator's aperture at loss of lock, in place of table 1 in Shatilov (2009).",
+        ),
     ] = None,
     oscillator: Annotated[
         str, typer.Option("--oscillator", help="A name in the library, or a density in rad^2/s^3.")
@@ -52,10 +70,16 @@ def margin(
         float, typer.Option("--interval", help="Seconds between two corrections of the inertial system.")
     ] = 1.0,
     bandwidth: Annotated[
-        float | None, typer.Option("--bandwidth", help="DF_c in Hz; between the first zeros without it.")
+        float | None,
+        typer.Option(
+            "--bandwidth", help="Front end's bandwidth DF_c in Hz; by default the signal's main lobe."
+        ),
     ] = None,
     accumulation: Annotated[
-        float | None, typer.Option("--accumulation", help="Coherent seconds; a data symbol without it.")
+        float | None,
+        typer.Option(
+            "--accumulation", help="Coherent integration time in seconds; by default one data symbol."
+        ),
     ] = None,
     cn0: Annotated[
         float | None,
@@ -69,17 +93,17 @@ def margin(
         ),
     ] = None,
     lasting: Annotated[
-        float, typer.Option("--lasting", help="Correlation time of that acceleration in seconds.")
+        float, typer.Option("--lasting", help="Correlation time of that acceleration, in seconds.")
     ] = 5.0,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Find the thresholds of the discriminators by simulation too.")
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulation.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")] = 1,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for tables and pictures; none without it.")
     ] = None,
     step: Annotated[
-        float, typer.Option("--step", help="Seconds between two epochs of the run; 0 all.")
+        float, typer.Option("--step", help="Seconds between two epochs of the run; 0 takes all.")
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
@@ -90,6 +114,10 @@ def margin(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, _inputs(run, emitters)):
         form = table_form(format)
+        if run is None:
+            refuse_given(context, ("step",), "without a run")
+        else:
+            refuse_given(context, _OF_THE_LOOP, "with a run: the file of emitters has the receiver's loop")
         if (run is None) != (emitters is None):
             raise ConfigError(
                 "a run and emitters belong together", key="--emitters", advice="give both, or neither"
@@ -105,8 +133,9 @@ def margin(
                 _add_unaided(rows, loops, next(iter(drifts.values())), (acceleration, lasting, carrier), cn0)
             console.print(_margin_table(loops, drifts, cn0, rows))
             found = _simulated(console, seed) if simulate else []
-            draw = output is not None and pictures
-            written = _pictures(output, loops, drifts, carrier, cn0, found) if draw and output else []
+            written = [] if output is None else [_saved(rows, output, form)]
+            if output is not None and pictures:
+                written += _pictures(output, loops, drifts, carrier, cn0, found)
             told = {"drift_rad2_per_s3": drifts, "loops": rows}
             told |= {"simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]}
     if as_json:
@@ -116,8 +145,23 @@ def margin(
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
 
 
-def _inputs(run: Path | None, emitters: Path | None) -> list[Path]:
-    return [] if run is None or emitters is None else [*run_files(run), emitters]
+def _inputs(run: Path | None, emitters: str | None) -> list[Path]:
+    return [] if run is None or emitters is None else [*run_files(run), Path(emitters)]
+
+
+def _saved(rows: list[dict[str, Any]], output: Path, form: TableFormat) -> Path:
+    """Write the margins of all discriminators as one table; return the folder."""
+    import pandas as pd
+
+    from insgnss.results.table_files import save_study
+
+    flat = [{k: v for k, v in row.items() if k != "margin_alone_db"} for row in rows]
+    alone = [
+        {f"margin_{name.split()[0].lower()}_alone_db": db for name, db in row["margin_alone_db"].items()}
+        for row in rows
+    ]
+    table = pd.DataFrame([one | two for one, two in zip(flat, alone, strict=True)])
+    return save_study(output, {"margin": table}, form, "margin")
 
 
 def _loops(
@@ -292,19 +336,20 @@ def _pictures(
 def _flown(
     console: Console,
     source: Path,
-    emitters: Path,
+    emitters: str,
     output: Path | None,
-    form: Literal["parquet", "csv"],
+    form: TableFormat,
     step: float,
     pictures: bool,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Study a saved run; print the summary, write tables and picture; return data and written files."""
     from insgnss.config.interference import InterferenceConfig
+    from insgnss.config.library import file_of
     from insgnss.config.strict import load_toml
     from insgnss.runs.margin import flown_margin, picture
     from insgnss.runs.result import Run
 
-    config = load_toml(emitters, InterferenceConfig)
+    config = load_toml(file_of("emitters", emitters), InterferenceConfig)
     with telling("flying the run past the emitters"):
         study = flown_margin(Run.load(source), config, step_s=step)
     console.print(_flown_table(study))

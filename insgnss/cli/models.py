@@ -14,14 +14,14 @@ from insgnss.errors import ConfigError, ResultError
 
 # how a copy is named where it is used; {file} is its path, {name} the same without folder and ending
 _USE: Final = {
-    "imus": 'next to the flight file: grade = "{name}" in [imu]',
-    "oscillators": 'next to the flight file: oscillator = "{name}" in [gnss]',
+    "imus": 'in the flight file: grade = "{name}" in [imu]',
+    "oscillators": 'in the flight file: oscillator = "{name}" in [gnss]',
     "filters": "insgnss replay FLIGHT --filter {file}",
-    "antennas": 'next to the flight file: pattern = "{name}.csv" in [[gnss.antenna]]',
+    "antennas": 'in the flight file: pattern = "{name}" in [[gnss.antenna]]',
     "scenarios": "insgnss simulate {file}",
     "campaigns": "insgnss campaign {file}",
-    "vehicles": 'next to the flight file: vehicle = "{name}.toml" in [attitude]',
-    "emitters": "insgnss receiver SCENARIO --emitters {file}",
+    "vehicles": 'in the flight file: vehicle = "{name}" in [attitude]',
+    "emitters": "insgnss receiver --emitters {file}, insgnss margin RUN --emitters {file}",
 }
 
 

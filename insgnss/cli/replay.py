@@ -242,8 +242,11 @@ def _measurement_table(run: Run) -> Table:
         table.add_row(str(status), *(str(row.get(kind, 0)) for kind in kinds))
     table.add_row("in the log", *(str(int(counts[kind].sum())) if kind in counts else "0" for kind in kinds))
     nis = run.nis_summary()
-    table.add_row("mean NIS of the used (1)", *_nis(nis, kinds, "mean_nis"))
-    table.add_row("share below the 95 % bound", *_nis(nis, kinds, "share_95"))
+    if run.heading_known_s() is not None:
+        counted = [str(int(nis["used"][kind])) if kind in nis.index else "0" for kind in kinds]
+        table.add_row("used since the heading is known", *counted)
+    table.add_row("their mean NIS (1)", *_nis(nis, kinds, "mean_nis"))
+    table.add_row("their share below the 95 % bound", *_nis(nis, kinds, "share_95"))
     return table
 
 

@@ -56,7 +56,7 @@ def rows_wanted(
     ConfigError, InputError : an option or the file of times cannot be used
     """
     if times is not None and rate != "gnss":
-        raise ConfigError("--rate and --times say the same thing twice", key="--times", advice="give one")
+        raise ConfigError("--rate and --times exclude each other", key="--times", advice="give one of them")
     output = rate_of(rate) if times is None else read_times(times)
     return {
         "output": output,

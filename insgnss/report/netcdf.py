@@ -27,6 +27,8 @@ _UNITS: Final = {
     "m²": "m2",
     "m²/s²": "m2 s-2",
     "°²": "degree2",
+    "°/h/g": "degree h-1 gravity-1",
+    "ppm": "1e-6",
 }
 _CF: Final[dict[str, dict[str, str]]] = {
     "lat_deg": {"standard_name": "latitude", "units": "degrees_north"},

@@ -45,10 +45,9 @@ MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overl
 
 
 def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
-    """Return everything that can be said of a flight's logs, with proposals for its flight file.
+    """Check each log of a flight, then the logs against each other; return the findings, with proposals for its file.
 
-    ``check_flight`` checks each log; here they are compared with each other. A log that cannot be read is a
-    finding, not an error. ``progress`` receives a message while the compiler runs.
+    A log that cannot be read is a finding, not an error. ``progress`` receives a message while the compiler runs.
     """
     with compiled(progress or (lambda _: None)) as compilation:
         report, logs = read_and_check(flight)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.log.checks import corrected_flight
-from insgnss.log.checks.each_log import check_flight
+from insgnss.log.checks.each_log import read_and_check
 from insgnss.log.checks.report import CheckReport
 from insgnss.log.flight import Flight
 from tests.log.test_flight import FLIGHT, FLIGHTS
@@ -36,7 +36,7 @@ class Case:
         write_gnss(self.folder / "gnss.csv", self.gnss)
         (self.folder / "nav.rnx").write_text(self.navigation)
         (self.folder / "flight.toml").write_text(self.flight)
-        return check_flight(Flight.load(self.folder / "flight.toml"))
+        return read_and_check(Flight.load(self.folder / "flight.toml"))[0]
 
     def change(self, column: int, factor: float) -> None:
         """Multiply one column of the GNSS rows."""
@@ -106,7 +106,7 @@ def test_proposals_mend_every_sign_and_unit_of_the_rates(
     proposals = case.check().proposals
     sound = factor == (-0.190293672798365 if as_range_rate else 1.0)
     assert (proposals == ()) == sound
-    mended = check_flight(corrected_flight(Flight.load(case.folder / "flight.toml"), proposals))
+    mended = read_and_check(corrected_flight(Flight.load(case.folder / "flight.toml"), proposals))[0]
     assert mended.severity == "ok" and "ratio 1.000" in "\n".join(mended.lines())
 
 
@@ -277,6 +277,6 @@ def test_real_flights_have_no_error(name: str, data_root: Path) -> None:
         pytest.skip(
             f"the flight file looks for its logs in shared/data beside the checkout, not in {data_root}"
         )
-    report = check_flight(flight)
+    report = read_and_check(flight)[0]
     assert not report.of("error"), "\n".join(report.lines())
     assert any("ratio 1.00" in finding.text for finding in report.findings)

@@ -15,7 +15,7 @@ from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, InputError, MissingFileError, NavigationDataError
 from insgnss.gnss.table_joining import joined
-from insgnss.log.checks.each_log import check_flight
+from insgnss.log.checks.each_log import read_and_check
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import GnssLogs, merged, read_gnss_logs, read_receiver
 from insgnss.tables import GnssTable, NavigationData
@@ -300,7 +300,7 @@ def test_tables_with_different_columns_and_names_become_one(csv: Path) -> None:
 
 def test_check_of_a_receivers_own_file_finds_messages_and_rates_in_order() -> None:
     needs(WALK)
-    report = check_flight(Flight.load(FLIGHTS / "walk_ubx.toml"))
+    report = read_and_check(Flight.load(FLIGHTS / "walk_ubx.toml"))[0]
     text = "\n".join(report.lines())
     assert report.severity != "error", text
     assert "range rates agree with the pseudoranges" in text
@@ -324,11 +324,11 @@ def test_check_counts_state_vectors_as_messages_and_needs_channels(
     flight = FLIGHT.replace(f"gps_week = {WEEK}", f"gps_week = {week}")
     (tmp_path / "flight.toml").write_text(flight)
 
-    text = "\n".join(check_flight(Flight.load(tmp_path / "flight.toml")).lines())
+    text = "\n".join(read_and_check(Flight.load(tmp_path / "flight.toml"))[0].lines())
     assert "messages: 8 R" in text
     assert "current ephemeris per epoch: 4 to 4" in text
     assert "no current ephemeris for" not in text and "no frequency channel" not in text
 
     (tmp_path / "flight.toml").write_text(flight.replace('navigation = ["nav.rnx"]\n', ""))
-    text = "\n".join(check_flight(Flight.load(tmp_path / "flight.toml")).lines())
+    text = "\n".join(read_and_check(Flight.load(tmp_path / "flight.toml"))[0].lines())
     assert "no frequency channel of R03, R08, R14, R24" in text

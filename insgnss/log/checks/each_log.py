@@ -70,19 +70,14 @@ class ReadLogs:
     navigation: NavigationData | None  # messages of files and receiver
 
 
-def check_flight(flight: Flight) -> CheckReport:
-    """Read all logs of a flight and report the findings on each.
+def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
+    """Read all logs of a flight; return the findings on each, and the logs.
 
     Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
     per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm, and of several antennas
     where they stand and what their logs share. A log that cannot be
     read is an error in the report, not an exception; the others are still looked at.
     """
-    return read_and_check(flight)[0]
-
-
-def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
-    """Return the report of ``check_flight`` and the logs themselves."""
     config = flight.config
     findings: list[Finding] = []
     imu: ImuTable | None = None

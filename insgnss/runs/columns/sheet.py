@@ -9,6 +9,9 @@ from typing import Final, NamedTuple
 
 # endings of column names, the longest first: "mps2" before "mps"
 UNITS: Final[dict[str, str]] = {
+    "degps_per_sqrt_hz": "°/s/√Hz",
+    "mps2_per_sqrt_hz": "m/s²/√Hz",
+    "deg_per_h_per_g": "°/h/g",
     "m_per_channel": "m/channel",
     "hz_per_s": "Hz/s",
     "s_per_s": "s/s",
@@ -20,8 +23,12 @@ UNITS: Final[dict[str, str]] = {
     "mps2": "m/s²",
     "mps": "m/s",
     "radps": "rad/s",
+    "degps": "°/s",
+    "mrad": "mrad",
+    "ppm": "ppm",
     "deg": "°",
     "dbhz": "dB-Hz",
+    "dbic": "dBic",
     "dbi": "dBi",
     "db": "dB",
     "hz": "Hz",

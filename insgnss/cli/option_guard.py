@@ -1,0 +1,34 @@
+"""Options that a command would not use: refused, so that no one takes a result for what it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+import typer
+from click.core import ParameterSource
+
+from insgnss.errors import ConfigError
+
+
+def refuse_given(context: typer.Context, names: Container[str], when: str) -> None:
+    """Refuse options that stand on the command line and are not used.
+
+    Parameters
+    ----------
+    context : of the command
+    names : of the options, as its function has them
+    when : in which they are not used, as in "with a run"
+
+    Raises
+    ------
+    ConfigError : one of them is given
+    """
+    given = [
+        option.opts[0]
+        for option in context.command.params
+        if option.name in names
+        and context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
+    ]
+    if given:
+        verb = "is" if len(given) == 1 else "are"
+        raise ConfigError(f"{', '.join(given)} {verb} not used {when}", key=given[0], advice="leave it out")
