@@ -57,7 +57,7 @@ def margin(
         float | None,
         typer.Option(
             "--threshold",
-            help="Phase error (rms) over the discriminator's aperture at loss of lock, in place of table 1 in Shatilov (2009).",
+            help="Phase error (rms) over aperture at loss of lock, in place of table 1 of Shatilov (2009).",
         ),
     ] = None,
     oscillator: Annotated[

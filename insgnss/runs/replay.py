@@ -31,6 +31,7 @@ from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.kernels.compiled_ahead import is_complete
 from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
+from insgnss.runs.contradiction import contradiction
 from insgnss.runs.first_run import Compilation, compiled
 from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
@@ -172,6 +173,9 @@ def replay(
     tell("writing the tables")
     run = _as_run(flight, record, setup, (out, ledger, separation), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
+    last_ns = int(out.nav["t_ns"][out.counts[0].nav - 1])
+    if doubts := contradiction(run.events, run.status_counts(), last_ns):
+        run.events = pd.concat([run.events, event_table(doubts, flight.config.gps_week)], ignore_index=True)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():

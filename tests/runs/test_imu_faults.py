@@ -201,6 +201,18 @@ def test_filter_recovers_from_an_axis_stuck_for_ten_seconds(
     assert position_error_m(after(run, 105.0)).max() < 3.0
 
 
+@pytest.mark.parametrize(("sensor", "axis"), [("w_ib_b", 1), ("w_ib_b", 2), ("f_b", 0)])
+def test_axis_that_was_never_alive_is_out_from_the_beginning(
+    log: SimulatedLog, sensor: str, axis: int
+) -> None:
+    """Its own repeats and resolution are those of the other two: a filter that believed it was 55 km off."""
+    run = replayed(flight(turns(), log, imu=with_axis(log, sensor, axis, -10.0, 200.0)))
+    (out,) = run.events[run.events["kind"] == "imu_sensor_out"]["detail"]
+    assert ("gyros" if sensor == "w_ib_b" else "accelerometers") in out and f"axes {'xyz'[axis]}" in out
+    assert_honest(run, 10.0)
+    assert not {"reset", "restart", "logs_contradict"} & set(kinds(run))
+
+
 @pytest.mark.parametrize("sensor", ["w_ib_b", "f_b"])
 def test_spikes_once_a_second_cost_one_sample_each(log: SimulatedLog, sensor: str) -> None:
     """500 m/s^2 for 10 ms are 5 m/s, 20 rad/s are 11 deg: far outside any sigma."""

@@ -170,7 +170,8 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
             note_step(s, dt)
     if not is_all_well(s):
         judge_sensors(s, t_ns, dt, x, k, edits, count)
-    note_repeats(s, x)
+    if s.n > 0:
+        note_repeats(s, x)
     if even:
         note_motion(s, dt, x)
     else:

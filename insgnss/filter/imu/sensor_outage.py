@@ -32,16 +32,24 @@ SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
 def needed_run(s: ScreenRecord, axis: int) -> int:
     """Return how many repeats in a row are an outage; 0: the axis is too coarse, or not seen for long enough.
 
+    An axis that has held one value from the beginning is judged by the coarser of its sensor's other two.
+
     Equation: p^n < 1e-12, with p the larger of the log's share of repeats and r / (2 sqrt(pi) sigma), which is the
     probability that two values of a noise sigma fall into the same step r of the resolution
     """
     if s.n_steps < SHOWN:
         return 0
     sigma = QUIETER * math.sqrt(s.noise_density[axis // 3] / s.step)
-    share = max(s.most_repeats[axis], 1e-3)
-    if s.finest[axis] >= 3.5 * COARSE * sigma:
+    share, step = max(s.most_repeats[axis], 1e-3), s.finest[axis]
+    if step == math.inf:
+        first = axis - axis % 3
+        for other in range(first, first + 3):
+            if s.finest[other] < math.inf:
+                share = max(share, s.most_repeats[other])
+                step = s.finest[other] if step == math.inf else max(step, s.finest[other])
+    if step >= 3.5 * COARSE * sigma:
         return 0
-    share = max(share, s.finest[axis] / (3.5 * sigma))
+    share = max(share, step / (3.5 * sigma))
     if share > COARSE:
         return 0
     return max(LEAST_RUN, math.ceil(_RARE / math.log(share)))
@@ -83,7 +91,8 @@ def note_repeats(s: ScreenRecord, x: Float64) -> None:
     s.window += 1
     if s.window == WINDOW:
         for axis in range(6):
-            if (s.run[axis] < WINDOW // 2 and s.out[axis] == 0) or s.n_steps < SHOWN:
+            seen = (s.run[axis] < WINDOW // 2 and s.out[axis] == 0) or s.n_steps < SHOWN
+            if seen and s.finest[axis] < math.inf:
                 s.most_repeats[axis] = max(s.most_repeats[axis], s.repeats[axis] / WINDOW)
             s.repeats[axis] = 0
         s.window = 0
