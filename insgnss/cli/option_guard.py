@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Container
 
 import typer
-from click.core import ParameterSource
 
 from insgnss.errors import ConfigError
 
@@ -26,9 +25,13 @@ def refuse_given(context: typer.Context, names: Container[str], when: str) -> No
     given = [
         option.opts[0]
         for option in context.command.params
-        if option.name in names
-        and context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
+        if option.name in names and _stands_there(context, str(option.name))
     ]
     if given:
         verb = "is" if len(given) == 1 else "are"
         raise ConfigError(f"{', '.join(given)} {verb} not used {when}", key=given[0], advice="leave it out")
+
+
+def _stands_there(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"

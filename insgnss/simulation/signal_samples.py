@@ -33,6 +33,7 @@ from insgnss.simulation.observations import (
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.tables import Float64, Int8, Int64
+from insgnss.tracking.admissible import require_number
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ, GPS_PRNS, RangingCode, gps_ca
 from insgnss.tracking.sample_kernels import Steps, add_signal
 from insgnss.tracking.signal import Sampling, SignalSamples
@@ -41,6 +42,7 @@ BORDER_S: Final = 1e-3
 BLOCK_S: Final = 1.0
 BIT_PERIODS: Final = 20  # of the code in a data bit; IS-GPS-200N, 3.3.2.2 and 20.3.2
 _TAGS_AT_ONCE: Final = 5000  # of 30 satellites: 100 MB of geometry
+_LEAST_MS: Final = 20  # a data bit
 _GRID_NS: Final = 20_000_000  # on which the data bits stand, GPS time
 
 
@@ -124,9 +126,9 @@ def signal_sky(
 
 def _checked_count(scenario: Scenario, duration_s: float) -> int:
     """Return the number of milliseconds."""
-    count = round(duration_s / BORDER_S) if math.isfinite(duration_s) else 0
-    if count < 1 or duration_s > scenario.duration_s + 1e-9:
-        advice = f"take from a millisecond to {scenario.duration_s:g} s, the length of the scenario"
+    count = round(duration_s / BORDER_S) if math.isfinite(require_number("duration_s", duration_s)) else 0
+    if count < _LEAST_MS or duration_s > scenario.duration_s + 1e-9:
+        advice = f"take from {_LEAST_MS} ms to {scenario.duration_s:g} s, the length of the scenario"
         raise ConfigError(f"a recording of {duration_s:g} s", key="duration_s", advice=advice)
     if scenario.start_ns % _GRID_NS:
         advice = "let the scenario start at a multiple of 20 ms of the GPS week"

@@ -29,6 +29,8 @@ from insgnss.tracking.signal import SignalSamples
 
 SingleComplex = npt.NDArray[np.complex64]
 DOPPLER_STEP_CYCLES: Final = 2.0 / 3.0  # over a look: sinc^2 loses 1.6 dB at the edge of a bin
+SILENT: Final = "the samples are all zero"
+SILENT_ADVICE: Final = "check the front end and its gain, the sample type and the bytes that are skipped"
 _FINE_BINS: Final = 33  # over two Doppler bins, when a detection is refined
 _FINE_CHIPS: Final = 0.5  # early and late of the refined delay
 
@@ -68,7 +70,7 @@ class Acquisition(NamedTuple):
     cells: int  # looked at, delays by Doppler bins
     delay_chips: float  # at the first sample, 0 to the code's length
     doppler_hz: float  # at the middle of the samples
-    cn0_dbhz: float  # by the strength of the cell, NaN where noise alone is stronger
+    cn0_dbhz: float  # by the strength at the refined delay and Doppler, NaN where noise alone is stronger
 
 
 class _BasebandLooks(NamedTuple):
@@ -112,7 +114,7 @@ def acquire(
 
     Raises
     ------
-    InputError : too few samples
+    InputError : too few samples, or none that is not zero
     ConfigError : a look that is not a whole number of code periods, or a sampling that folds the signal
     """
     code = codes[0]
@@ -135,6 +137,8 @@ def acquire(
             k = int(np.argmax(power))
             if power[k] > best[c][0]:
                 best[c] = (float(power[k]), k, float(doppler))
+    if not floor.all():
+        raise InputError(SILENT, advice=SILENT_ADVICE)
     cells = len(bins) * int(np.count_nonzero(inside))
     noise = floor / (len(bins) * special.gammaincinv(span.looks, 0.5))
     bits = [math.nan] * len(codes) if bit_delays_chips is None else bit_delays_chips
@@ -245,9 +249,12 @@ def _refined(
     off = _peak(fine, strength)
     at_peak = np.array([off])
     early, late = (np.linalg.norm(sums(delay + side * _FINE_CHIPS, at_peak)) for side in (-1.0, 1.0))
+    coarse = delay
     delay += 0.5 * float((late - early) / (late + early))
+    # the cell lies up to half a bin and half a sample beside the signal
+    gain = np.linalg.norm(sums(delay, at_peak)) / np.linalg.norm(sums(coarse, np.zeros(1)))
     statistic = power / floor.noise
-    snr = statistic / looks - 1.0
+    snr = statistic * float(gain) ** 2 / looks - 1.0
     cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
     return Acquisition(statistic, floor.cells, delay % code.length, doppler + off, cn0)
 

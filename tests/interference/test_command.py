@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -29,7 +30,25 @@ def test_margin_of_the_paper_is_printed_and_drawn(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "33.40" in result.stdout and "41.87" in result.stdout
     names = {"margin_drift.png", "margin_diagram.png", "margin_type_1.png", "margin_type_2.png"}
-    assert {path.name for path in tmp_path.glob("[!.]*")} == names
+    assert {path.name for path in tmp_path.glob("[!.]*")} == names | {"margin.parquet"}
+
+
+def test_margin_table_is_written_without_pictures(tmp_path: Path) -> None:
+    options = ["--output", str(tmp_path / "out"), "--no-pictures", "--format", "csv"]
+    result = CliRunner().invoke(app, ["margin", *PAPER, *options])
+
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "out" / "margin.csv").set_index("discriminator")
+    assert f"{table.loc['Q', 'margin_db']:.2f}" in result.stdout
+    assert {"margin_oscillator_alone_db", "margin_ins_alone_db"} <= set(table.columns)
+
+
+def test_options_that_would_not_be_used_are_refused(tmp_path: Path) -> None:
+    told = CliRunner().invoke(app, ["margin", "--step", "2"])
+    assert told.exit_code == 2 and "--step is not used without a run" in told.stderr
+    with_run = ["margin", str(tmp_path), "-e", "jammed_approach", "--oscillator", "ocxo", "--seed", "2"]
+    told = CliRunner().invoke(app, with_run)
+    assert told.exit_code == 2 and "--oscillator, --seed are not used with a run" in told.stderr
 
 
 def test_loop_without_inertial_system_follows_the_acceleration_with_the_better_order() -> None:
@@ -52,6 +71,12 @@ def test_library_names_stand_for_sensors() -> None:
 
     assert result.exit_code == 0, result.output
     assert "oscillator ocxo" in result.stdout and "nothing was written" in result.stdout
+
+
+def test_emitters_may_be_a_name_in_the_library(tmp_path: Path) -> None:
+    folder = flown().save(tmp_path / "run")
+    result = CliRunner().invoke(app, ["margin", str(folder), "--emitters", "jammed_approach"])
+    assert result.exit_code == 0, result.output
 
 
 def test_saved_run_is_flown_past_the_emitters(tmp_path: Path) -> None:

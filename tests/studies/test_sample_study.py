@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -202,7 +203,14 @@ def test_impossible_orders_are_refused(tmp_path: Path) -> None:
         ({"losses_db": ()}, "losses_db"),
         ({"threads": 0}, "threads"),
         ({"seed": -1}, "seed"),
+        ({"receivers": "aided"}, "receivers"),
+        ({"losses_db": 5.0}, "losses_db"),
+        ({"losses_db": (math.nan,)}, "loss_db"),
+        ({"threads": 1.5}, "threads"),
+        ({"seed": 1.5}, "seed"),
         ({"duration_s": 100.0}, "duration_s"),
+        ({"duration_s": 0.001}, "duration_s"),
+        ({"duration_s": "3"}, "duration_s"),
     ):
         with pytest.raises(ConfigError) as raised:
             sample_receiver(flown(), **{"settings": SETTINGS, **options})  # type: ignore[arg-type]
@@ -211,3 +219,19 @@ def test_impossible_orders_are_refused(tmp_path: Path) -> None:
         sample_receiver(flown(), losses_db=(0.0,), duration_s=0.1, settings=SETTINGS)
     result = CliRunner().invoke(app, ["acquire", str(tmp_path / "no.iq"), "--rate", "4e6"])
     assert result.exit_code == 3
+    with pytest.raises(ConfigError, match="nan is outside"):
+        record_samples(flown(), tmp_path / "a.iq", math.nan, 0.1, SETTINGS)
+
+
+def test_recording_that_does_not_fit_or_holds_nothing_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.iq"
+    path.write_bytes(bytes(2 * 2_200_000))
+    with pytest.raises(InputError, match="holds 1 s of int8 samples"):
+        sample_receiver(flown(), losses_db=(0.0,), duration_s=2.0, settings=SETTINGS, recording=path)
+    with pytest.raises(InputError, match="all zero"):
+        sample_receiver(flown(), losses_db=(0.0,), duration_s=1.0, settings=SETTINGS, recording=path)
+    file = IqFile(path, Sampling(2.2e6, is_complex=True))
+    with pytest.raises(InputError, match="all zero"):
+        acquire_recording(file, 0.0, 1e-3, 80, 6000.0, 1e-3)
+    with pytest.raises(ConfigError, match="start_s"):
+        acquire_recording(file, math.nan, 1e-3, 80, 6000.0, 1e-3)

@@ -18,6 +18,8 @@ from insgnss.tables import Bool, Float64, GnssTable, Int64
 NEAREST_M: Final = 6.33e6
 FARTHEST_M: Final = 4.0e7
 VELOCITY_FLOOR_MPS: Final = 0.02  # no single epoch of range rates is better
+# Wrong times put satellites kilometres off, reflections put ranges tens of metres off: misfit in sigmas of the ranges
+REFLECTED_SIGMAS: Final = 30.0
 POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second apart
 
 
@@ -33,7 +35,7 @@ class GnssTrack:
     drift_mps: Float64  # (m,) NaN without range rates
     origin_ns: int
     n_epochs: int  # of the log
-    n_good: int  # epochs whose position passed all tests
+    n_good: int  # epochs whose position passed all tests, or whose ranges contradict it as reflections do
     n_tested: int  # those of them that were tested: there was a redundant row
     sd_time_s: float = 0.0  # how well the times of the velocities are known
 
@@ -60,7 +62,9 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     distance = np.linalg.norm(out.r_e, axis=1)
     near = (distance > NEAREST_M) & (distance < FARTHEST_M)
     good = near & np.isin(out.verdict[:, 0], (OK, EXCLUDED, UNTESTED))
-    used = near & (good | (out.verdict[:, 0] == NOT_IDENTIFIED))
+    faulty = near & (out.verdict[:, 0] == NOT_IDENTIFIED)
+    used = good | faulty
+    reflected = faulty & (out.misfit[:, 0] < REFLECTED_SIGMAS**2)
     v_e = out.v_e
     sd = np.sqrt(np.einsum("mii->m", out.P_v[:, :3, :3]) / 3.0)
     t_s = (epoch_ns - epoch_ns[0]) / NS_PER_S
@@ -77,7 +81,7 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
         out.drift_mps[used],
         int(epoch_ns[0]),
         len(epoch_ns),
-        int(good.sum()),
+        int((good | reflected).sum()),
         int((good & (out.verdict[:, 0] != UNTESTED)).sum()),
     )
 

@@ -37,6 +37,7 @@ from insgnss.studies.samples.search import (
     unseeded_span,
 )
 from insgnss.tables import Bool, GnssTable, ImuTable
+from insgnss.tracking.acquisition import SILENT, SILENT_ADVICE
 from insgnss.tracking.channel_kernel import RATE
 from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.codes import GPS_BIT_S, RangingCode
@@ -126,6 +127,8 @@ class SampleLoop:
         head = buffer.cut(e.sampling, 0, dwell)
         rows = math.ceil((t_ns[-1] - e.start_ns) / NS_PER_S / s.integration_s) + 100
         variance = float(np.mean(head.in_phase**2))
+        if variance == 0.0:
+            raise InputError(SILENT, advice=SILENT_ADVICE)
         self.channels = SampleChannels(e.sampling, list(e.codes), self._design, variance, rows, self._wide)
         self._search(buffer, dwell, np.ones(self._m, np.bool_))
         at = np.rint((t_ns - e.start_ns) * (rate / NS_PER_S)).astype(np.int64)

@@ -30,6 +30,7 @@ from insgnss.receiver.detection import threshold
 from insgnss.receiver.search_window import SearchWindow
 from insgnss.tables import Float64, ImuTable
 from insgnss.tracking.acquisition import Acquisition, SearchSpan, acquire
+from insgnss.tracking.admissible import require_not_negative
 from insgnss.tracking.codes import GPS_BIT_S, GPS_CA_CHIP_HZ, RangingCode, gps_ca
 from insgnss.tracking.signal import SignalSamples
 
@@ -229,6 +230,7 @@ def acquire_recording(
     InputError : the recording is shorter than that
     ConfigError : what is declared cannot be searched
     """
+    require_not_negative("give the seconds after the beginning of the recording", start_s=start_s)
     rate, code_s = file.sampling.rate_hz, 1e-3
     first = round(start_s * rate)
     count = math.ceil((looks * look_s + code_s) * rate)

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ from insgnss.config.flight import GivenStart
 from insgnss.config.library import filter_config
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.constants import NS_PER_S
-from insgnss.errors import ConfigError
+from insgnss.errors import ConfigError, InputError
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.iq_file import IqFile, rounded, write_iq
 from insgnss.results.shown import ResultDisplay
@@ -47,6 +47,13 @@ from insgnss.studies.samples.loop import SampleEquipment, SampleLoop
 from insgnss.studies.samples.pictures import sample_figure
 from insgnss.studies.samples.search import expected_at_start, start_outlook
 from insgnss.studies.samples.tables import channel_table, epoch_table, search_table, summary_of
+from insgnss.tracking.admissible import (
+    require_known,
+    require_number,
+    require_seed,
+    require_whole,
+    require_within,
+)
 from insgnss.tracking.signal import Sampling, SignalSamples
 
 if TYPE_CHECKING:
@@ -57,6 +64,9 @@ Progress = Callable[[str], None]
 _Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]  # summary, epochs, channels, searches
 _SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 100.0, 0.3, 0.5, 1.0  # of the given start
 _SKY, _NOISE, _START = 1, 2, 3  # keys of the seed
+_MOST_CHANGE_DB: Final = 100.0  # of C/N0, either way
+_LENGTH_S: Final = 0.01  # by which a recording may be longer or shorter than declared
+T = TypeVar("T")
 
 
 class SimulatedFlight(Protocol):
@@ -129,16 +139,20 @@ def sample_receiver(
     Raises
     ------
     ConfigError : an unknown receiver, no loss, a duration beyond the flight, a sampling that folds the signal
+    InputError : the recording is not of this length, or holds no signal and no noise
     """
     use = settings or SampleReceiver()
-    unknown = [name for name in receivers if name not in RECEIVERS]
-    if unknown or not receivers or not losses_db or threads < 1 or seed < 0:
-        key = "receivers" if unknown or not receivers else "losses_db" if not losses_db else "threads"
-        advice = f"receivers: {', '.join(RECEIVERS)}; at least one loss, one thread and a seed from 0 on"
-        raise ConfigError("nothing to run", key="seed" if seed < 0 else key, advice=advice)
-    if recording is not None and len(losses_db) > 1:
-        advice = "give the one loss that it was recorded with"
-        raise ConfigError(f"one recording for {len(losses_db)} losses", key="losses_db", advice=advice)
+    for name in _listed("receivers", receivers, f"give some of {', '.join(RECEIVERS)}"):
+        require_known(name, RECEIVERS, "receivers", "receiver")
+    for loss in _listed("losses_db", losses_db, "give one or more losses in dB"):
+        _check_loss(loss)
+    require_seed(seed)
+    require_whole(1, "give the number of receivers that may run at the same time", threads=threads)
+    if recording is not None:
+        if len(losses_db) > 1:
+            advice = "give the one loss that it was recorded with"
+            raise ConfigError(f"one recording for {len(losses_db)} losses", key="losses_db", advice=advice)
+        _check_recording(Path(recording), use, duration_s)
     found: list[_Tables] = []
     for loss in losses_db:
         sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
@@ -169,10 +183,12 @@ def record_samples(
 
     Raises
     ------
-    ConfigError : a duration beyond the flight, a sampling that folds the signal
+    ConfigError : a loss that is no number, a duration beyond the flight, a sampling that folds the signal
     ResultError : the file cannot be written
     """
     use = settings or SampleReceiver()
+    require_seed(seed)
+    _check_loss(loss_db)
     sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss_db)
     write_iq(path, _samples(sky, use, seed), use.sample_type)
     return math.ceil(sky.duration_s * use.rate_hz)
@@ -265,9 +281,34 @@ def _blocks(
 ) -> Iterator[SignalSamples]:
     """Return the samples as the front end gives them: integers."""
     if recording is not None:
-        sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
-        return IqFile(Path(recording), sampling, settings.sample_type).blocks()
+        return _recorded(Path(recording), settings).blocks()
     return (rounded(block, settings.sample_type) for block in _samples(sky, settings, seed))
+
+
+def _recorded(path: Path, settings: SampleReceiver) -> IqFile:
+    sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
+    return IqFile(path, sampling, settings.sample_type)
+
+
+def _listed(key: str, given: Sequence[T], advice: str) -> Sequence[T]:
+    """Return a sequence that holds something; text is none."""
+    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) == 0:
+        raise ConfigError(f"{given!r} is not a list of one or more", key=key, advice=advice)
+    return given
+
+
+def _check_loss(loss_db: float) -> None:
+    require_within(-_MOST_CHANGE_DB, _MOST_CHANGE_DB, "give the loss of C/N0 in dB", loss_db=loss_db)
+
+
+def _check_recording(path: Path, settings: SampleReceiver, duration_s: float) -> None:
+    """Refuse a recording of another length: then rate, type or duration are not those it was made with."""
+    held_s = _recorded(path, settings).duration_s
+    if abs(held_s - require_number("duration_s", duration_s)) > _LENGTH_S:
+        samples = f"{settings.sample_type} samples at {settings.rate_hz:g} Hz"
+        told = f"holds {held_s:.6g} s of {samples}, not {duration_s:g} s"
+        advice = "give the duration, rate and sample type that it was recorded with"
+        raise InputError(f"the recording {told}", file=path, advice=advice)
 
 
 def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[SignalSamples]:
