@@ -6,7 +6,7 @@ Both forms are read: with satellite states in the row, or with a navigation file
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -83,6 +83,7 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
     events = _table_events(table, names) + timing + continued + bad_names + assumed
+    events += _sigma_events(table, (names.sigma_pseudorange, names.sigma_range_rate), path)
     events += _unknown_signals(table, config, sv, sv_names, path)
     states, unused = _satellite_states(table, config, path)
     events += unused
@@ -176,6 +177,31 @@ def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:
                 column=name,
                 advice=f"they look like {unit}",
             )
+
+
+def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Event]:
+    """Return an event for each column of sigmas of which some are not above zero.
+
+    Raises
+    ------
+    ColumnError : none is
+    """
+    events = []
+    for name in names:
+        sigma = table.columns.get(name, np.zeros(0))
+        stated = int(np.isfinite(sigma).sum())
+        wrong = int((sigma <= 0.0).sum())
+        if wrong and wrong == stated:
+            raise ColumnError(
+                "holds no sigma above zero",
+                file=path,
+                column=name,
+                advice="leave the column out: the filter's own sigmas hold then",
+            )
+        if wrong:
+            detail = f"{path}: column '{name}': {wrong} of {stated} sigmas are not above zero: not used ('bad_sigma')"
+            events.append(Event(None, "gnss_bad_sigma", detail))
+    return events
 
 
 def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float64 | None, list[Event]]:

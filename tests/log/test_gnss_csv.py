@@ -255,12 +255,12 @@ def test_usual_columns_that_are_absent_stay_silent_even_when_written_out(tmp_pat
 
 def test_sigmas_and_range_rates_are_read_where_logged(tmp_path: Path) -> None:
     header = "time_s,sv,pseudorange_m,range_rate_mps,sigma_pseudorange_m,sigma_range_rate_mps"
-    path = write_lines(tmp_path / "gnss.csv", [header, "1000,G05,2.2e7,-5.5,0,-1"])
+    path = write_lines(tmp_path / "gnss.csv", [header, "1000,G05,2.2e7,-5.5,0,-1", "1001,G05,2.2e7,-5.5,1,1"])
     table, events = read_gnss(gnss_config(path), WEEK)
     assert table.range_rate_mps[0] == -5.5 and np.isnan(table.doppler_hz[0])
     assert table.sigma_pseudorange_m is not None and table.sigma_pseudorange_m[0] == 0.0
     assert table.sigma_range_rate_mps is not None and table.sigma_range_rate_mps[0] == -1.0
-    assert [event.kind for event in events] == ["signal_assumed"]
+    assert [event.kind for event in events] == ["signal_assumed", "gnss_bad_sigma", "gnss_bad_sigma"]
 
 
 def test_several_files_share_one_list_of_satellites(tmp_path: Path) -> None:
@@ -303,3 +303,17 @@ def test_missing_pseudorange_column_is_named(tmp_path: Path) -> None:
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError):
         read_gnss(gnss_config(tmp_path / "gnss.csv"), WEEK)
+
+
+@pytest.mark.parametrize("written", ["0", "-3"])
+def test_sigmas_of_zero_or_below_are_told_and_a_column_of_them_is_refused(
+    tmp_path: Path, written: str
+) -> None:
+    header, rows = f"{GNSS_HEADER},sigma_pseudorange_m", gnss_lines()
+    path = write_lines(tmp_path / "gnss.csv", [header, *(f"{row},{written}" for row in rows)])
+    with pytest.raises(ColumnError, match="column 'sigma_pseudorange_m': holds no sigma above zero"):
+        read_gnss(gnss_config(path), WEEK)
+    some = [f"{row},{written if k < 3 else '0.8'}" for k, row in enumerate(rows)]
+    _, events = read_gnss(gnss_config(write_lines(path, [header, *some])), WEEK)
+    (event,) = events
+    assert event.kind == "gnss_bad_sigma" and f"3 of {len(rows)} sigmas are not above zero" in event.detail
