@@ -38,10 +38,10 @@ def allan(
         float | None, typer.Option("--to", help="End of the stationary part, seconds of the week.")
     ] = None,
     gyro_unit: Annotated[
-        str, typer.Option("--gyro-unit", help="Of a CSV log: rad/s, deg/s, rad, deg.")
+        str, typer.Option("--gyro-unit", help="Unit of a CSV log's gyros: rad/s, deg/s, rad, deg.")
     ] = "rad/s",
     accel_unit: Annotated[
-        str, typer.Option("--accel-unit", help="Of a CSV log: m/s^2, g, mg, m/s, g*s.")
+        str, typer.Option("--accel-unit", help="Unit of a CSV log's accelerometers: m/s^2, g, mg, m/s, g*s.")
     ] = "m/s^2",
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,

@@ -29,7 +29,9 @@ def consistency(
     confidence: Annotated[
         float, typer.Option("--confidence", help="Probability that a consistent filter is within each bound.")
     ] = 0.99,
-    lags: Annotated[int, typer.Option("--lags", help="Of the autocorrelation, in epochs.")] = 20,
+    lags: Annotated[
+        int, typer.Option("--lags", help="Number of lags of the autocorrelation, in epochs.")
+    ] = 20,
     start: Annotated[
         float | None,
         typer.Option(

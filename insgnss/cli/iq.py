@@ -37,7 +37,7 @@ def iq(
     record: Annotated[
         Path | None, typer.Option("--record", help="Write the samples to this file and run no receiver.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", min=1, help="Receivers at the same time.")] = 2,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for tables and picture; none without it.")

@@ -42,8 +42,10 @@ def outage(
     bank: Annotated[
         float | None, typer.Option("--bank", help="Windows where the bank angle exceeds this many degrees.")
     ] = None,
-    length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of --random.")] = 1,
+    length: Annotated[
+        float, typer.Option("--length", help="Length of a window in seconds, with --every and --random.")
+    ] = 30.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random windows.")] = 1,
     satellites: Annotated[
         str, typer.Option("--sv", help="Remove only these satellites, as in G01,G07; all by default.")
     ] = "",
@@ -53,11 +55,12 @@ def outage(
     kinds: Annotated[
         str,
         typer.Option(
-            "--kind", help="pseudorange,range_rate,carrier_difference,attitude_difference: these alone."
+            "--kind",
+            help="Remove only these kinds: pseudorange, range_rate, carrier_difference, attitude_difference.",
         ),
     ] = "",
     after: Annotated[float, typer.Option("--after", help="Seconds evaluated after each window.")] = 60.0,
-    rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,
+    rate: Annotated[float, typer.Option("--rate", help="Rate of the compared solution, in Hz.")] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
     output: Annotated[

@@ -39,7 +39,8 @@ def point(
     missed_detection: Annotated[
         float,
         typer.Option(
-            "--missed-detection", help="Probability of an unseen fault beyond the protection level."
+            "--missed-detection",
+            help="Probability of missed detection of a fault that exceeds the protection level.",
         ),
     ] = 1e-3,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",

@@ -42,13 +42,15 @@ def receiver(
     oscillator: Annotated[
         str, typer.Option("--oscillator", help="A name in the library, or a density in rad^2/s^3.")
     ] = "tcxo",
-    cn0: Annotated[str, typer.Option("--cn0", help="dBHz, with commas.")] = "45,40,35,30,25,20",
+    cn0: Annotated[
+        str, typer.Option("--cn0", help="C/N0 values in dBHz, separated by commas.")
+    ] = "45,40,35,30,25,20",
     emitters: Annotated[
         str | None,
         typer.Option("--emitters", "-e", help="Fly past these: a name in models/emitters, or a file (TOML)."),
     ] = None,
-    runs: Annotated[int, typer.Option("--runs", help="Of each receiver and C/N0.")] = 20,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
+    runs: Annotated[int, typer.Option("--runs", help="Runs of each receiver at each C/N0.")] = 20,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     duration: Annotated[float, typer.Option("--duration", help="Seconds of a run.")] = 80.0,
     settle: Annotated[
         float, typer.Option("--settle", help="Initial seconds of a run that are not evaluated.")
@@ -61,9 +63,9 @@ def receiver(
         float, typer.Option("--latency", help="Delay in seconds before an inertial sample is available.")
     ] = 0.0,
     least: Annotated[
-        float | None, typer.Option("--least", help="dBHz below which a channel is not used.")
+        float | None, typer.Option("--least", help="C/N0 in dBHz below which a channel is not used.")
     ] = None,
-    estimate: Annotated[bool, typer.Option("--estimate", help="The receiver estimates its C/N0.")] = False,
+    estimate: Annotated[bool, typer.Option("--estimate", help="Let the receiver estimate its C/N0.")] = False,
     antenna: Annotated[
         str | None,
         typer.Option(
@@ -152,20 +154,22 @@ def _oscillator(text: str) -> str | dict[str, float]:
 def _summary(table: pd.DataFrame) -> Table:
     from rich.table import Table
 
-    shown = Table(title="after settling, runs that held lock")
+    shown = Table(title="errors (rms) after settling, of the runs that held lock")
     columns = {
         "C/N0, dBHz": "cn0_dbhz",
-        "lost": "lost",
+        "lost, share": "lost",
         "position, m": "position_m",
         "velocity, m/s": "velocity_mps",
         "attitude, deg": "attitude_deg",
-        "range rate of the replicas, m/s": "rate_mps",
-        "NEES": "nees",
+        "replicas, m/s": "rate_mps",
+        "phase, rad": "phase_rad",
+        "NEES (1)": "nees",
     }
-    for name in ("receiver", *columns):
+    for name in ("receiver", *columns, "bounds"):
         shown.add_column(name, justify="left" if name == "receiver" else "right")
     for row in table.to_dict("records"):
-        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in columns.values()))
+        bounds = f"{_number(row['nees_low'])} to {_number(row['nees_high'])}"
+        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in columns.values()), bounds)
     return shown
 
 
@@ -173,7 +177,7 @@ def _thresholds(table: pd.DataFrame) -> Table:
     from rich.table import Table
 
     shown = Table(title="half of the runs lose lock")
-    for name in ("receiver", "C/N0, dBHz", "from", "to", "J/S, dB", "linear theory, dBHz"):
+    for name in ("receiver", "C/N0, dBHz", "95 % from", "to", "J/S, dB", "linear theory, dBHz"):
         shown.add_column(name, justify="left" if name == "receiver" else "right")
     for row in table.to_dict("records"):
         numbers = ("cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz")

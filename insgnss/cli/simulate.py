@@ -19,7 +19,8 @@ def simulate(
     scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs.")],
     seed: Annotated[
-        int, typer.Option("--seed", min=0, help="Of the random numbers: the same gives the same files.")
+        int,
+        typer.Option("--seed", min=0, help="Seed of the random numbers: the same seed gives the same files."),
     ] = 1,
     clean: Annotated[bool, typer.Option("--clean", help="No noise, no sensor errors; faults stay.")] = False,
     duration: Annotated[

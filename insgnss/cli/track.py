@@ -38,7 +38,7 @@ def track(
     ] = 1.0,
     integration: Annotated[float, typer.Option("--integration", help="Integration time in ms.")] = 1.0,
     discriminator: Annotated[
-        str, typer.Option("--discriminator", "-d", help="Of the phase: atan, iq, sign, q, atan2.")
+        str, typer.Option("--discriminator", "-d", help="Phase discriminator: atan, iq, sign, q, atan2.")
     ] = "atan",
     spacing: Annotated[float, typer.Option("--spacing", help="From early to late, in chips.")] = 1.0,
     acceleration: Annotated[
@@ -51,7 +51,7 @@ def track(
     ] = False,
     seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
     channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
-    seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of all noise.")] = 1,
     threads: Annotated[
         int, typer.Option("--threads", help="Number of threads; it does not change the results.")
     ] = 1,

@@ -9,13 +9,19 @@
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
-asked for, and then has the C/N0 of its row. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
+asked for, and then has the C/N0 of its row: errors that grow slowly with it, such as the position of a filter without
+phase tracking, need several times 40 s to reach their new level, and the average, which begins at once, is below it; the
+table of epochs shows them grow. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
 those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
 error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
 filter is consistent, even if every run counted as one look.
 ``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
+``cn0_estimated_dbhz`` is the receiver's own estimate, on average over the second half of a run. A search begins when a channel's
+signal is gone (``lost_s``) and ends when it is tracked again (``tracked_s``) after it came back (``back_s``): the window's
+sigmas in delay and Doppler (``sd_delay_m``, ``sd_rate_mps``), how far the truth lay from its middle (``off_m``,
+``off_mps``), whether that was inside the discriminators' aperture, and how many cells were looked at.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
 channel, with the interval that 95 % of such shares span, and that of the linear theory.
 """  # noqa: E501 - the table is the documentation
@@ -134,7 +140,7 @@ def receiver_study(
     Parameters
     ----------
     scenario : a list of manoeuvres by name in ``models/scenarios``, its file, or itself
-    variants : names in ``receiver_variants.VARIANTS``, or variants of one's own
+    variants : names in ``insgnss.studies.receiver.variants.VARIANTS``, or variants of one's own
     tracking : "coherent" tracks the phase, "noncoherent" frequency and delay
     imu : a grade by name or itself; None: no inertial system
     oscillator : a name in the library, or {"drift_density": S} one-sided at the carrier [rad^2/s^3]

@@ -1,4 +1,4 @@
-"""The tables of a receiver study, out of its runs; ``receiver_comparison`` has their columns."""
+"""The tables of a receiver study, out of its runs; ``insgnss.studies.receiver.comparison`` describes their columns."""
 
 from __future__ import annotations
 
