@@ -9,9 +9,9 @@ import pandas as pd
 from insgnss.tables import Event
 
 KIND: Final = "logs_contradict"
-BEGUN_ANEW: Final = ("reset", "restart")
-# So often a filter of sound logs does not begin anew; nor are so many of one kind refused, except among reflections
-MOST_BEGINNINGS: Final = 2
+RESET: Final = "reset"  # gaps of a sound log restart the filter, too
+# More resets than a filter of sound logs has; more refusals, except among reflections
+MOST_RESETS: Final = 2
 MOST_REFUSED: Final = 1.0 / 3.0
 LEAST_ROWS: Final = 100
 REFUSED: Final = ("gated", "inconsistent", "drifting", "contradicts")
@@ -28,9 +28,9 @@ def contradiction(events: pd.DataFrame, counts: pd.DataFrame, t_ns: int) -> list
     t_ns : time of the event
     """
     signs = []
-    anew = int(events["kind"].isin(BEGUN_ANEW).sum())
-    if anew > MOST_BEGINNINGS:
-        signs.append(f"the filter began anew {anew} times")
+    times = int((events["kind"] == RESET).sum())
+    if times > MOST_RESETS:
+        signs.append(f"the filter was reset {times} times")
     for kind in KINDS:
         share = _refused_share(counts, kind)
         if share > MOST_REFUSED:

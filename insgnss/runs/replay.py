@@ -141,9 +141,8 @@ def replay(
     read = time.perf_counter()
     tell("running the filter")
     wanted = _trace_wanted(aided, record.supervised)
-    job = (
-        Job(setup, work[0], list(work[1]), rows_at, smooth) if integrity else None
-    )  # the list below is emptied
+    # a list of its own: the other is emptied
+    job = Job(setup, work[0], list(work[1]), rows_at, smooth) if integrity else None
     forward: list[Table] | None = [] if smooth else None
     entries: list[OwnEntry] = []
     out, ledger, events = run_blocks(
@@ -173,9 +172,7 @@ def replay(
     tell("writing the tables")
     run = _as_run(flight, record, setup, (out, ledger, separation), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
-    last_ns = int(out.nav["t_ns"][out.counts[0].nav - 1])
-    if doubts := contradiction(run.events, run.status_counts(), last_ns):
-        run.events = pd.concat([run.events, event_table(doubts, flight.config.gps_week)], ignore_index=True)
+    run.events = _with_last_word(run, out, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -190,6 +187,12 @@ def replay(
     run.settings["aiding"] = None if aided is None else aided.model_dump(mode="json")
     run.settings["point"] = None if further is None else further.wanted.lever_b
     return run
+
+
+def _with_last_word(run: Run, out: Output, week: int) -> pd.DataFrame:
+    """Return a run's events, with one at its end where its logs contradict each other."""
+    doubts = contradiction(run.events, run.status_counts(), int(out.nav["t_ns"][out.counts[0].nav - 1]))
+    return pd.concat([run.events, event_table(doubts, week)], ignore_index=True) if doubts else run.events
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceIntervals | None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import insgnss
-from insgnss.runs.contradiction import KIND, MOST_BEGINNINGS, contradiction
+from insgnss.runs.contradiction import KIND, MOST_RESETS, contradiction
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import ImuTable
 from tests.runs.scenes import flight, kinds, turns
@@ -40,12 +40,12 @@ def test_sound_logs_are_not_doubted(log: SimulatedLog) -> None:
 
 def test_beginnings_and_refusals_are_signs_each() -> None:
     counts = pd.DataFrame({"range_rate": [60, 40], "pseudorange": [100, 0]}, index=["used", "gated"])
-    none = pd.DataFrame({"kind": ["start", *["reset"] * MOST_BEGINNINGS]})
+    none = pd.DataFrame({"kind": ["start", "restart", *["reset"] * MOST_RESETS]})
     (told,) = contradiction(none, counts, 7)
     assert (
         told.t_ns == 7 and "it refused 40% of the range rates" in told.detail and "pseudo" not in told.detail
     )
     assert contradiction(none, counts // 2, 7) == [], "50 rows are few"
-    often = pd.DataFrame({"kind": ["restart", *["reset"] * MOST_BEGINNINGS]})
+    often = pd.DataFrame({"kind": ["reset", "restart", *["reset"] * MOST_RESETS]})
     (told,) = contradiction(often, counts // 2, 7)
-    assert told.detail.startswith("the filter began anew 3 times: ")
+    assert told.detail.startswith("the filter was reset 3 times: ")

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 import pandas as pd
@@ -66,7 +66,6 @@ _SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 100.0, 0.3, 0.5, 
 _SKY, _NOISE, _START = 1, 2, 3  # keys of the seed
 _MOST_CHANGE_DB: Final = 100.0  # of C/N0, either way
 _LENGTH_S: Final = 0.01  # by which a recording may be longer or shorter than declared
-T = TypeVar("T")
 
 
 class SimulatedFlight(Protocol):
@@ -142,9 +141,11 @@ def sample_receiver(
     InputError : the recording is not of this length, or holds no signal and no noise
     """
     use = settings or SampleReceiver()
-    for name in _listed("receivers", receivers, f"give some of {', '.join(RECEIVERS)}"):
+    _check_listed("receivers", receivers, f"give some of {', '.join(RECEIVERS)}")
+    _check_listed("losses_db", losses_db, "give one or more losses in dB")
+    for name in receivers:
         require_known(name, RECEIVERS, "receivers", "receiver")
-    for loss in _listed("losses_db", losses_db, "give one or more losses in dB"):
+    for loss in losses_db:
         _check_loss(loss)
     require_seed(seed)
     require_whole(1, "give the number of receivers that may run at the same time", threads=threads)
@@ -183,7 +184,7 @@ def record_samples(
 
     Raises
     ------
-    ConfigError : a loss that is no number, a duration beyond the flight, a sampling that folds the signal
+    ConfigError : a loss that is not a number, a duration beyond the flight, a sampling that folds the signal
     ResultError : the file cannot be written
     """
     use = settings or SampleReceiver()
@@ -290,11 +291,10 @@ def _recorded(path: Path, settings: SampleReceiver) -> IqFile:
     return IqFile(path, sampling, settings.sample_type)
 
 
-def _listed(key: str, given: Sequence[T], advice: str) -> Sequence[T]:
-    """Return a sequence that holds something; text is none."""
+def _check_listed(key: str, given: object, advice: str) -> None:
+    """Refuse what is not a sequence that holds something; text is none."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) == 0:
         raise ConfigError(f"{given!r} is not a list of one or more", key=key, advice=advice)
-    return given
 
 
 def _check_loss(loss_db: float) -> None:
