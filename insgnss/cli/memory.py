@@ -1,4 +1,4 @@
-"""How the command keeps its memory: a big log's arrays go back to the system as soon as they are done with."""
+"""Return freed memory to the operating system, so that a large log does not stay in it after it was read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def give_back_what_is_freed() -> None:
     """Return freed memory to the operating system: large arrays of the C library, and Arrow's parsed pieces.
 
     By default the GNU library learns from the first large array that it frees to keep all of that size, and Arrow's own
-    allocator keeps its segments: 150 MB on an hour of a big log. The collector has no business with the modules.
+    allocator keeps its segments: 150 MB on an hour of a big log. The collector need not look at modules.
     """
     gc.freeze()
     pa.set_memory_pool(pa.system_memory_pool())

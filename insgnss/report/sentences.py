@@ -32,7 +32,7 @@ def figures(run: Run) -> list[tuple[str, str, str]]:
     """Return the numbers that a reader looks for first: name, value, and a word about it."""
     nav = run.nav
     span = float(nav["time_s"].iloc[-1]) - float(nav["time_s"].iloc[0])
-    told = [("Navigation", duration(span), f"{distance(way_m(nav))} over ground"), _position_figure(run)]
+    told = [("Navigation", duration(span), f"{distance(way_m(nav))} travelled"), _position_figure(run)]
     known_s = run.heading_known_s()
     yaw = float(nav["sd_yaw_deg"].iloc[-1])
     after = (
@@ -75,7 +75,7 @@ def _position_figure(run: Run) -> tuple[str, str, str]:
 
 
 def way_m(nav: pd.DataFrame) -> float:
-    """Return the way over ground [m]: the speed over the time."""
+    """Return the distance travelled [m], horizontally: the speed over the time."""
     speed = np.hypot(nav["vn_mps"].to_numpy(), nav["ve_mps"].to_numpy())
     return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(nav["time_s"].to_numpy())))
 
@@ -188,7 +188,7 @@ def _within(errors: pd.DataFrame) -> str:
     vertical = float(errors["d_d_m"].abs().quantile(0.95))
     return (
         f"the horizontal position is within {number(half)} m (50 %), {number(most)} m (95 %),"
-        f" {number(worst)} m at worst; the height is within {number(vertical)} m (95 %)"
+        f" {number(worst)} m at most; the height is within {number(vertical)} m (95 %)"
     )
 
 

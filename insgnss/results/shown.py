@@ -1,4 +1,4 @@
-"""How a result shows itself: one line in a terminal, and in Jupyter its content with the first rows of each table."""
+"""The display of a result: one line in a terminal, and in Jupyter its content with the first rows of each table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several antennas, loaded where a flight has them: they are seldom, and take as long to load as half of all else."""
+"""Several antennas, imported only for a flight that has them: the import takes as long as half of all others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A way to go: speed, climb, turn and bank as smooth functions of time, laid over the ellipsoid.
+"""A course over the ellipsoid: speed, climb, turn and bank as smooth functions of time.
 
 Every change runs along a smoothstep with continuous second derivative. A straight leg is a geodesic, and a turn is
 counted against the geodesic ahead, not against north, so a course leads over a pole like over any other place.

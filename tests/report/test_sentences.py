@@ -56,7 +56,7 @@ def test_summary_tells_errors_of_known_size() -> None:
 
     text = said(run)
 
-    assert "within 5 m (50 %), 5 m (95 %), 5 m at worst; the height is within 2 m (95 %)" in text
+    assert "within 5 m (50 %), 5 m (95 %), 5 m at most; the height is within 2 m (95 %)" in text
     # sqrt((9 + 16) / 2)
     assert "horizontal errors are 3.5 times their sigma (rms of error over sigma 3.54, 1 is right)" in text
 
@@ -78,7 +78,7 @@ def test_figures_are_those_of_the_tables() -> None:
     run = made_run()
     told = {name: (value, about) for name, value, about in figures(run)}
 
-    assert told["Navigation"] == ("4 min 59 s", "2.99 km over ground")
+    assert told["Navigation"] == ("4 min 59 s", "2.99 km travelled")
     used = 100.0 * (run.measurements["status"] == "used").mean()
     assert told["Measurements used"] == (f"{used:.1f} %", "of 4800 in the log")
     assert told["Heading"][1] == "sigma at the end, known after 20.0 s"

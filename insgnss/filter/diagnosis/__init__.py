@@ -1,1 +1,1 @@
-"""When the measurements contradict the filter: who is to blame, and the way back."""
+"""Fault identification and recovery, for when the measurements contradict the filter."""

@@ -1,4 +1,4 @@
-"""The motion that was shown: only that separates headings; compiled.
+"""The motion that the measurements have shown: only it tells headings apart; compiled.
 
 The horizontal specific force of a vehicle at rest or on a straight is the accelerometers' noise and what tilt and bias
 leave of each other. It drives the velocity as well, so a filter that takes it for motion finds headings in noise.

@@ -1,4 +1,4 @@
-"""Samples that no sensor or no vehicle gives: impossible values, and spikes that leap away and back; compiled."""
+"""Impossible inertial samples and spikes: values beyond any sensor's range, and leaps of one sample; compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What shows that a vehicle stands: two velocities, and the inertial samples between them."""
+"""Detect standstill at the start: by two velocities and the inertial samples between them."""
 
 from __future__ import annotations
 

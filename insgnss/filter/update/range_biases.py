@@ -1,4 +1,4 @@
-"""Which slow error belongs to which satellite: a new one takes a free place, else that of the one longest unseen."""
+"""The states of slow errors by satellite: a new satellite takes a free state, or that of the one unseen for longest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The findings on several antennas, loaded for flights that have them: the rooms behind them take most of a second."""
+"""The findings on several antennas, imported only for flights that have them: the import takes most of a second."""
 
 from __future__ import annotations
 

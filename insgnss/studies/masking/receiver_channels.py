@@ -1,4 +1,4 @@
-"""What a receiver's channels do while their satellites are hidden: search and lock on what is none, or wait.
+"""Channels of hidden satellites: they search and lock on a false signal, or wait under supervision.
 
 Without supervision a channel searches from the loss on, sweep after sweep. It may lock on something else on the way, or
 never notice the loss. When its satellite is back, the direct signal takes over a loop that stands within the
