@@ -12,17 +12,20 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.errors import ConfigError, ResultError
 
-# how a copy is named where it is used; {file} is its path, {name} the same without folder and ending
+# how a model is named where it is used; {file} is the path of a copy, {name} its name
 _USE: Final = {
-    "imus": 'in the flight file: grade = "{name}" in [imu]',
-    "oscillators": 'in the flight file: oscillator = "{name}" in [gnss]',
+    "imus": '{where}: grade = "{name}" in [imu]',
+    "oscillators": '{where}: oscillator = "{name}" in [gnss]',
     "filters": "insgnss replay FLIGHT --filter {file}",
-    "antennas": 'in the flight file: pattern = "{name}" in [[gnss.antenna]]',
+    "antennas": '{where}: pattern = "{name}" in [[gnss.antenna]]',
     "scenarios": "insgnss simulate {file}",
     "campaigns": "insgnss campaign {file}",
-    "vehicles": 'in the flight file: vehicle = "{name}" in [attitude]',
+    "vehicles": '{where}: vehicle = "{name}" in [attitude]',
     "emitters": "insgnss receiver --emitters {file}, insgnss margin RUN --emitters {file}",
 }
+
+# Copies of these are named with their ending
+_FILES: Final = ("antennas", "vehicles")
 
 
 def models(
@@ -61,7 +64,9 @@ def models(
     elif written is None:
         typer.echo(source.read_text(encoding="utf-8"), nl=False)
     else:
-        typer.echo(f"wrote {written}; {_USE[kind].format(file=written, name=written.stem)}")
+        called = written.name if kind in _FILES else written.stem
+        use = _USE[kind].format(where="next to the flight file", file=written, name=called)
+        typer.echo(f"wrote {written}; {use}")
 
 
 def _copied(source: Path, output: Path) -> Path:
@@ -102,7 +107,7 @@ def _list(kinds: list[str], *, as_json: bool) -> None:
     from rich.table import Table
 
     for kind in kinds:
-        use = _USE[kind].format(file="FILE", name="NAME")
+        use = _USE[kind].format(where="in the flight file", file="FILE", name="NAME")
         table = Table(title=escape(f"{kind}: {use}"), title_justify="left")
         for head in ("name", "what it is"):
             table.add_column(head, no_wrap=head == "name")

@@ -27,9 +27,8 @@ from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.stretches import GnssStretch, lag_of
 from insgnss.tables import Float64
 
-SLOW_MPS: Final = (
-    1.0  # slower motion has no direction, a car may creep backwards; half of a slow vehicle's usual speed
-)
+# Slower motion has no direction: a car may creep backwards. For a slow vehicle, half of its usual speed
+SLOW_MPS: Final = 1.0
 USUAL: Final = 0.9  # share of the epochs below a vehicle's usual speed
 CLEAR: Final = 5.0  # nor has motion that is not so many sigmas of the velocity
 # The nose points along the motion to so much: angle of attack, wind, a car's tail in a turn, the walker's step [rad]
@@ -145,7 +144,7 @@ def epoch_weight(stretch: GnssStretch) -> float:
 def mean_direction(total: Float64, epochs: float, weight: float) -> Float64:
     """Return the mean of ``epochs`` unit vectors with a sum, shorter where together they are less than one direction.
 
-    The start of a rover that was for 0.4 s faster than 1 m/s had shown which of its axes is forward, to the contrary.
+    Else 0.4 s above 1 m/s at the start of a slow rover's log decide which axis is forward, and wrongly.
     """
     return np.asarray(total * weight / max(epochs * weight, 1.0))
 
