@@ -155,13 +155,10 @@ def _saved(rows: list[dict[str, Any]], output: Path, form: TableFormat) -> Path:
 
     from insgnss.results.table_files import save_study
 
-    flat = [{k: v for k, v in row.items() if k != "margin_alone_db"} for row in rows]
-    alone = [
-        {f"margin_{name.split()[0].lower()}_alone_db": db for name, db in row["margin_alone_db"].items()}
-        for row in rows
-    ]
-    table = pd.DataFrame([one | two for one, two in zip(flat, alone, strict=True)])
-    return save_study(output, {"margin": table}, form, "margin")
+    table = pd.DataFrame(rows)
+    alone = pd.DataFrame(table.pop("margin_alone_db").tolist())
+    alone.columns = [f"margin_{name.split()[0].lower()}_alone_db" for name in alone.columns]
+    return save_study(output, {"margin": table.join(alone)}, form, "margin")
 
 
 def _loops(

@@ -1,4 +1,4 @@
-"""A last word on a run whose logs contradict each other, as with wrongly declared units, signs, axes or times."""
+"""The event at the end of a run whose logs contradict each other: units, signs, axes or times are declared wrongly."""
 
 from __future__ import annotations
 

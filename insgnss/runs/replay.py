@@ -172,7 +172,7 @@ def replay(
     tell("writing the tables")
     run = _as_run(flight, record, setup, (out, ledger, separation), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
-    run.events = _with_last_word(run, out, flight.config.gps_week)
+    run.events = _with_contradiction(run, out, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -189,7 +189,7 @@ def replay(
     return run
 
 
-def _with_last_word(run: Run, out: Output, week: int) -> pd.DataFrame:
+def _with_contradiction(run: Run, out: Output, week: int) -> pd.DataFrame:
     """Return a run's events, with one at its end where its logs contradict each other."""
     doubts = contradiction(run.events, run.status_counts(), int(out.nav["t_ns"][out.counts[0].nav - 1]))
     return pd.concat([run.events, event_table(doubts, week)], ignore_index=True) if doubts else run.events

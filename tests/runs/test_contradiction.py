@@ -38,7 +38,7 @@ def test_sound_logs_are_not_doubted(log: SimulatedLog) -> None:
     assert KIND not in kinds(insgnss.replay(flight(turns(), log)))
 
 
-def test_beginnings_and_refusals_are_signs_each() -> None:
+def test_resets_and_refusals_are_signs_each() -> None:
     counts = pd.DataFrame({"range_rate": [60, 40], "pseudorange": [100, 0]}, index=["used", "gated"])
     none = pd.DataFrame({"kind": ["start", "restart", *["reset"] * MOST_RESETS]})
     (told,) = contradiction(none, counts, 7)

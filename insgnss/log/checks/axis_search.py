@@ -20,7 +20,14 @@ from insgnss.log.checks.motion_fit import (
     signed_permutations,
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
-from insgnss.log.checks.nose_first import Nose, epoch_weight, mean_direction, noses, slowest
+from insgnss.log.checks.nose_first import (
+    Nose,
+    directions_of,
+    epoch_weight,
+    least_speed,
+    mean_direction,
+    noses,
+)
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 
@@ -210,17 +217,15 @@ def _directions(
     chosen: list[GnssStretch], start_s: Float64, path: Path, h: int, handed: int, shift_s: float
 ) -> tuple[Float64, Float64]:
     """Return the mean directions of motion and of gravity in sensor axes under one hypothesis."""
-    along, down, epochs, least = np.zeros(3), np.zeros(3), 0.0, slowest(chosen)
+    along, down, epochs, least = np.zeros(3), np.zeros(3), 0.0, least_speed(chosen)
     for i, stretch in enumerate(chosen):
         lag = lag_of(stretch.t_s)
         gained = path_at(path.gained[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
         Q = best_rotation(stretch.s_e[lag:] - stretch.s_e[:-lag], gained[lag:] - gained[:-lag], handed)
         q = path_at(path.q[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
         back = q / np.linalg.norm(q, axis=1, keepdims=True) * np.array([1.0, -1.0, -1.0, -1.0])
-        speed = np.linalg.norm(stretch.v_e, axis=1)
-        fast = speed > least
-        v_s = rotate(back, (stretch.v_e / np.maximum(speed, 1e-9)[:, None]) @ Q)
-        along += v_s[fast].sum(axis=0)
+        along_e, fast = directions_of(stretch, least)
+        along += rotate(back[fast], along_e @ Q).sum(axis=0)
         epochs += float(fast.sum())
         down += rotate(back, np.broadcast_to(-stretch.up_e @ Q, (len(q), 3))).mean(axis=0)
     return mean_direction(along, epochs, epoch_weight(chosen[0])), down / len(chosen)

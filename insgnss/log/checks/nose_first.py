@@ -25,7 +25,7 @@ from insgnss.log.checks.motion_fit import (
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.stretches import GnssStretch, lag_of
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 # Slower motion has no direction: a car may creep backwards. For a slow vehicle, half of its usual speed
 SLOW_MPS: Final = 1.0
@@ -115,7 +115,7 @@ def noses(
     shift_s : added to the inertial tags
     down_s : mean direction of gravity in sensor axes: no vehicle moves along it for long
     """
-    least = slowest(chosen)
+    least = least_speed(chosen)
     parts = [
         _moments(one, float(start_s[i]), path, h, i, handed, shift_s, least) for i, one in enumerate(chosen)
     ]
@@ -130,10 +130,17 @@ def noses(
     return found
 
 
-def slowest(chosen: list[GnssStretch]) -> float:
+def least_speed(chosen: list[GnssStretch]) -> float:
     """Return the speed from which on motion has a direction [m/s]."""
     speeds = np.concatenate([np.linalg.norm(stretch.v_e, axis=1) for stretch in chosen])
     return min(SLOW_MPS, 0.5 * float(np.quantile(speeds, USUAL)))
+
+
+def directions_of(stretch: GnssStretch, least_mps: float) -> tuple[Float64, Bool]:
+    """Return the unit vectors (k, 3) of a stretch's velocities, and which of its epochs (n,) they are."""
+    speed = np.linalg.norm(stretch.v_e, axis=1)
+    fast = speed > max(least_mps, CLEAR * stretch.sd_mps)
+    return stretch.v_e[fast] / speed[fast, None], fast
 
 
 def epoch_weight(stretch: GnssStretch) -> float:
@@ -142,9 +149,9 @@ def epoch_weight(stretch: GnssStretch) -> float:
 
 
 def mean_direction(total: Float64, epochs: float, weight: float) -> Float64:
-    """Return the mean of ``epochs`` unit vectors with a sum, shorter where together they are less than one direction.
+    """Return the mean of ``epochs`` unit vectors from their sum, shorter where they count as less than one direction.
 
-    Else 0.4 s above 1 m/s at the start of a slow rover's log decide which axis is forward, and wrongly.
+    A slow rover was faster than 1 m/s for 0.4 s at the start of its log: this decided which axis is forward, wrongly.
     """
     return np.asarray(total * weight / max(epochs * weight, 1.0))
 
@@ -185,12 +192,11 @@ def _moments(
     gained = path_at(path.gained[h : h + 1, i], start_s, t_s)[0]
     q = path_at(path.q[h : h + 1, i], start_s, t_s)[0]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    speed = np.linalg.norm(stretch.v_e, axis=1)
-    fast = speed > max(least_mps, CLEAR * stretch.sd_mps)
+    along_e, fast = directions_of(stretch, least_mps)
     C = np.stack(
         [rotate(q[fast], np.broadcast_to(unit, (int(fast.sum()), 3))) for unit in np.eye(3)], axis=-1
     )
-    turned = np.einsum("ki,kjl->ijl", stretch.v_e[fast] / speed[fast, None], C)
+    turned = np.einsum("ki,kjl->ijl", along_e, C)
     return _Moments(
         stretch.s_e[lag:] - stretch.s_e[:-lag],
         gained[lag:] - gained[:-lag],
