@@ -18,7 +18,7 @@ from insgnss.tables import Bool, Float64, GnssTable, Int64
 NEAREST_M: Final = 6.33e6
 FARTHEST_M: Final = 4.0e7
 VELOCITY_FLOOR_MPS: Final = 0.02  # no single epoch of range rates is better
-# Wrong times put satellites kilometres off, reflections put ranges tens of metres off: misfit in sigmas of the ranges
+# Of all ranges together, in their sigmas: reflections make it 4, leap seconds 600 at least
 REFLECTED_SIGMAS: Final = 30.0
 POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second apart
 
@@ -64,7 +64,7 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     good = near & np.isin(out.verdict[:, 0], (OK, EXCLUDED, UNTESTED))
     faulty = near & (out.verdict[:, 0] == NOT_IDENTIFIED)
     used = good | faulty
-    reflected = faulty & (out.misfit[:, 0] < REFLECTED_SIGMAS**2)
+    reflected = faulty & (out.statistic[:, 0] < REFLECTED_SIGMAS**2 * out.freedom[:, 0])
     v_e = out.v_e
     sd = np.sqrt(np.einsum("mii->m", out.P_v[:, :3, :3]) / 3.0)
     t_s = (epoch_ns - epoch_ns[0]) / NS_PER_S
