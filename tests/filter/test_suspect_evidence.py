@@ -9,17 +9,13 @@ import pytest
 
 from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.hindsight import Verdict
-from insgnss.filter.diagnosis.supposed_faults import (
-    ACCELEROMETER,
-    GYRO,
-    IMU_TAGS,
-    LOG_PRIOR,
-    SATELLITES,
-    WIDEST,
-)
+from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, WIDEST
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELLITES
 from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
+from insgnss.filter.diagnosis.witnesses import KindColumns, least_nis
 from insgnss.filter.layout import Layout
 from insgnss.filter.state import BA, new_bank
+from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.scene import new_filter, place
 
@@ -46,6 +42,33 @@ def test_evidence_of_axes_is_that_of_the_measurements_themselves(axes: tuple[int
     each = [gaussian(y, own @ own.T * (size * SIGMA) ** 2 + R) for size in (2.0, 6.0, 20.0)]
     expected = np.logaddexp.reduce(each) - np.log(3.0) - wide
     assert of_axes(m, S, SIGMA, widest)[axes] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("jump", [2.0, 50.0, 900.0])
+def test_prior_that_is_far_too_wide_costs_little(jump: float) -> None:
+    """Sizes from a small jump to a sensor that fails share the prior: each is found, at a price of a few units."""
+    rng = np.random.default_rng(12)
+    H = rng.normal(size=(30, 3))
+    y = H @ np.array([0.0, jump, 0.0]) * SIGMA + 0.3 * rng.normal(size=30)
+
+    def of(widest: float) -> float:
+        S = np.linalg.inv(H.T @ H / 0.09 + np.eye(3) / widest**2)
+        m = S @ H.T @ y / 0.09
+        wide = gaussian(y, H @ H.T * widest**2 + 0.09 * np.eye(30))
+        return wide + of_axes(m, S, SIGMA, widest)[(1,)]
+
+    known = gaussian(y, np.outer(H[:, 1], H[:, 1]) * (jump * SIGMA) ** 2 + 0.09 * np.eye(30))
+    assert known - 3.0 < of(2000.0 * SIGMA) < known + 1.0
+
+
+def test_wandering_clock_is_one_event_and_not_one_of_each_row() -> None:
+    """Eleven rows that are all three sigmas off by the clock, and eleven of which each is off by itself."""
+    rng = np.random.default_rng(4)
+    status, r, p = np.full(11, USED), np.full(11, 0.01), np.full(11, 1.0)
+    clock = KindColumns(3.0 + 0.1 * rng.normal(size=11), r + p, p, status)
+    assert least_nis(clock) / 11 < 2.5 < 7.0 < float(np.mean(clock.innovation**2 / clock.variance))
+    each = KindColumns(3.0 * rng.choice([-1.0, 1.0], 11), r + p, p, status)
+    assert least_nis(each) / 11 > 7.0
 
 
 def test_jump_of_one_axis_is_found_on_that_axis() -> None:

@@ -13,7 +13,7 @@ import pytest
 from insgnss.config.library import filter_config
 from insgnss.filter.diagnosis.hindsight import Hindsight
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, LOG_PRIOR, SATELLITES
-from insgnss.filter.diagnosis.suspects import Explanation, explanations
+from insgnss.filter.diagnosis.suspects import Explanation, every_fault, explanations
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
@@ -49,7 +49,7 @@ def looks_on(seed: int, tmp_path_factory: pytest.TempPathFactory) -> list[list[E
         past, span = navigator.health.past.judged()
         assert span is not None
         again = Hindsight(past, setup, imu, navigator.parameters, span)
-        found.append(explanations(again.suspects(), again.as_it_was))
+        found.append(explanations(every_fault(again), again.as_it_was))
         begin = end
     assert len(found) >= 4
     return found

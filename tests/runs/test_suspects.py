@@ -151,6 +151,27 @@ def test_gyro_whose_bias_jumps_by_many_sigmas_of_its_grade_is_named() -> None:
     assert sigmas(run, FAULT_S + 40.0, POSITION, VELOCITY, ATTITUDE) < 5.0
 
 
+@pytest.mark.parametrize(
+    ("sensor", "axis", "size", "name"),
+    [
+        ("w_ib_b", 0, np.radians(0.15), "gyro x"),
+        ("w_ib_b", 1, np.radians(-0.4), "gyro y"),
+        ("w_ib_b", 2, np.radians(0.1), "gyro z"),
+        ("f_b", 0, -80.0 * MPS2_PER_MG, "accelerometer x"),
+        ("f_b", 2, 120.0 * MPS2_PER_MG, "accelerometer z"),
+    ],
+)
+def test_sensor_that_fails_by_more_than_its_grade_foresees_is_named_and_no_satellite_blamed(
+    sensor: str, axis: int, size: float, name: str
+) -> None:
+    """By a hundred to two thousand sigmas of its bias: until it is found no sigma can be right, then all are."""
+    run = insgnss.replay(with_bias(sensor, axis, size))
+    assert name in told(run, "sensor_suspect")[-1]
+    assert when(run, "sensor_suspect")[0] < 20.0
+    assert not {"reset", "restart", "clock_jump"} & set(run.events["kind"])
+    assert sigmas(run, FAULT_S + 25.0, POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
 # ------------------------------------------------------------------------------------------------ kinds, satellites
 
 

@@ -15,13 +15,15 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from insgnss.tables import Float64
 
-_SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which an axis may have jumped
+# sigmas of a jump, in those of the grade's bias, up to the widest
+_SIZES: Final = (2.0, 6.0, 20.0, 60.0, 200.0, 600.0, 2000.0)
 # smallest eigenvalue of S over its largest, far above rounding
 _LEAST: Final = 1e-10
 _SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
@@ -47,14 +49,15 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     h = information @ moved
     J = information - np.eye(3) / widest**2
     wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
-    return {axes: _log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sigma) - wide for axes in _SETS}
+    sizes = [size * sigma for size in _SIZES if size * sigma <= 1.001 * widest]
+    return {axes: _log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sizes) - wide for axes in _SETS}
 
 
-def _log_ratio(J: Float64, h: Float64, sigma: float) -> float:
-    """Return ln B of some axes, the mean over the sizes of their jump."""
+def _log_ratio(J: Float64, h: Float64, sizes: Sequence[float]) -> float:
+    """Return ln B of some axes, the mean over the sigmas of their jump."""
     log_ratios = []
-    for size in _SIZES:
-        A = np.eye(len(h)) + (size * sigma) ** 2 * J
-        gain = (size * sigma) ** 2 * float(h @ np.linalg.solve(A, h))
+    for size in sizes:
+        A = np.eye(len(h)) + size**2 * J
+        gain = size**2 * float(h @ np.linalg.solve(A, h))
         log_ratios.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
-    return float(np.logaddexp.reduce(log_ratios)) - math.log(len(_SIZES))
+    return float(np.logaddexp.reduce(log_ratios)) - math.log(len(sizes))

@@ -105,7 +105,7 @@ class FilterHealth:
         news = crept and bank.state[0].noise_factor[RANGE_RATE] < NOISY
         if t_ns < bank.head[0].doubted_ns:
             return Remedy(bank, self._creeping(bank, t_ns) if news else [])
-        if crept:
+        if crept and bank.state[0].suspicion <= parameters[0].suspicion_limit:
             verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
         else:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
@@ -146,7 +146,8 @@ class FilterHealth:
         events: list[Event] = []
         lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
         tells = _tells(lines) and health.recovery
-        if len(bank.state) == 1 and t_ns >= bank.head[0].doubted_ns and tells:
+        if len(bank.state) == 1 and tells and t_ns >= self.past.look_again_ns:
+            bank.head["doubted_ns"] = t_ns  # before a reset a look in vain is no reason to wait
             found = self.suspect(bank, imu, t_ns, parameters)
             if found.bank is not bank:
                 return found

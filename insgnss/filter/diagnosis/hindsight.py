@@ -15,14 +15,21 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.axes import of_axes
-from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory, rows_at
+from insgnss.filter.diagnosis.jumps import (
+    ACCELEROMETER,
+    GYRO,
+    Widths,
+    bias_of,
+    estimated_widths,
+    largest_jump,
+)
+from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory
 from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
-    ACCELEROMETER,
     ANY,
+    EARLIEST_S,
     EITHER,
     GNSS_TAGS,
-    GYRO,
     IMU_TAGS,
     LAPSE,
     NOISE,
@@ -30,14 +37,11 @@ from insgnss.filter.diagnosis.supposed_faults import (
     RATES,
     SATELLITES,
     SENSORS,
-    WIDEST,
-    bias_of,
     quiet,
     with_errors_that_last,
     with_fault,
     without,
 )
-from insgnss.filter.diagnosis.tag_shifts import at_other_tags, earlier, later, summit
 from insgnss.filter.diagnosis.witnesses import (
     MOST_SATELLITES,
     EpochLog,
@@ -45,7 +49,6 @@ from insgnss.filter.diagnosis.witnesses import (
     most_satellites,
     run_away_sets,
     singles,
-    tag_error_s,
 )
 from insgnss.filter.loop import DONE
 from insgnss.filter.output.writing import new_output
@@ -61,17 +64,13 @@ from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_ep
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
 # how long ago the fault may have begun
-_ONSETS_S: Final = (3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 18.0, 22.0, 26.0, 32.0, 40.0, 50.0)
+_ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
+_YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
-_LARGEST: Final = 6.0 * WIDEST  # by so many a bias does not jump: the sensor itself has failed
-_TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
-_GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
-_SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
-_LONGEST_SHIFT_NS: Final = 110_000_000
+_LARGEST: Final = 6.0  # times the largest jump's sigma: no bias, the sensor gives anything
 NOISY: Final = 4.0  # times what it was, or is assumed to be: a variance that shows most rows to be noise
-_TAGS_EPOCHS: Final = 3
 
 
 class Verdict(NamedTuple):
@@ -86,6 +85,7 @@ class Verdict(NamedTuple):
     size: float = 0.0  # of the time tags' error [s]
     onset_ns: int = 0  # of a sensor's fault
     axes: tuple[int, ...] = ()  # of the sensor
+    moved: tuple[float, ...] = ()  # (3,) by which its biases jumped [rad/s] or [m/s^2]
 
 
 class Hindsight:
@@ -107,7 +107,7 @@ class Hindsight:
         largest = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
         self.work = new_workspace(largest, setup.layout, setup.installation, setup.visibility_limits)
         oldest_ns = int(past.banks[0].head[0].now_ns)
-        onsets_ns = [self.end_ns - int(onset_s * NS_PER_S) for onset_s in reversed(_ONSETS_S)]
+        onsets_ns = [self.end_ns - onset_s * NS_PER_S for onset_s in reversed(_ONSETS_S)]
         bank = self.oldest()
         self.before: list[Bank] = []
         self.base: list[EpochLog] = []
@@ -139,23 +139,13 @@ class Hindsight:
         """Whether the pseudoranges' noise was far above the assumed level."""
         return any(bank.state["noise_factor"][0, PSEUDORANGE] > NOISY for bank in self.before)
 
-    def suspects(self) -> Iterator[Verdict]:
-        """Yield every supposed fault."""
-        for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
-            if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
-                # a sensor that is said to have no bias cannot have one that jumps
-                yield from self.sensor(suspect)
-        yield from self.without_satellites()
-        yield from self.other_tags()
-        yield from self.other_imu_tags()
+    def sensor(self, suspect: str, widths: Widths | None = None) -> list[Verdict]:
+        """Return the results for a sensor's fault at many onsets, then refined around the best of these.
 
-    def sensor(self, suspect: str) -> list[Verdict]:
-        """Return the results for a sensor's fault at every other onset, then refined around the best of these.
-
-        A force that jumps shows at once: an onset that is some seconds wrong costs an accelerometer more likelihood
-        than a gyro, whose fault shows with the square of time.
+        Of the older ones every other is tried. A force that jumps shows at once: an onset that is some seconds wrong
+        costs an accelerometer more likelihood than a gyro, whose fault shows with the square of time. ``widths`` of the
+        jumps: by default the largest.
         """
-        first_ns = _now_ns(self.before[0])
         found: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
 
@@ -166,24 +156,36 @@ class Hindsight:
                     continue
                 onset_ns = _now_ns(bank)
                 tried.add(onset_ns)
-                verdict = self.from_onset(suspect, bank, earlier=onset_ns == first_ns)
+                largest = self.largest_jumps(onset_ns)
+                verdict = self.from_onset(suspect, bank, widths or largest)
                 if verdict is not None:
-                    fits = verdict.fits and self.plausible(verdict.bank)
-                    found[onset_ns] = self.of_axes(verdict._replace(fits=fits, onset_ns=onset_ns))
+                    fits = verdict.fits and self.plausible(verdict.bank, largest)
+                    found[onset_ns] = self.of_axes(verdict._replace(fits=fits, onset_ns=onset_ns), largest)
 
-        look([_now_ns(bank) for bank in self.before[:-1]][::2])
+        onsets_ns = [_now_ns(bank) for bank in self.before[:-1]]
+        young_ns = self.end_ns - _YOUNG_S * NS_PER_S
+        look((*onsets_ns[::2], *(t_ns for t_ns in onsets_ns if t_ns > young_ns)))
         for _ in range(_HALVINGS):
             if found:
                 look(_halfway(max(found, key=lambda t: found[t][0].log_likelihood), sorted(tried)))
         return [verdict for verdicts in found.values() for verdict in verdicts]
 
-    def from_onset(self, suspect: str, bank: Bank, earlier: bool) -> Verdict | None:
+    def largest_jumps(self, onset_ns: int) -> Widths:
+        """Return the widths of the largest jumps that began at ``onset_ns``."""
+        since_s = (self.end_ns - onset_ns) / NS_PER_S
+        if onset_ns == _now_ns(self.before[0]):
+            since_s += EARLIEST_S
+        return {
+            sensor: np.full(3, largest_jump(sensor, self.setup, since_s)) for sensor in (ACCELEROMETER, GYRO)
+        }
+
+    def from_onset(self, suspect: str, bank: Bank, widths: Widths) -> Verdict | None:
         """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
-        each = []
+        each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
         for risen2 in NOISE2 if suspect == NOISE else (1.0,):
             faulty = bank
             for part in _TOGETHER.get(suspect, (suspect,)):
-                faulty = with_fault(faulty, self.setup, part, earlier, risen2)
+                faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, risen2)
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is not None:
                 each.append(verdict)
@@ -192,7 +194,7 @@ class Hindsight:
         mean = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each])) - math.log(len(each))
         return max(each, key=lambda verdict: verdict.log_likelihood)._replace(log_likelihood=mean)
 
-    def of_axes(self, verdict: Verdict) -> list[Verdict]:
+    def of_axes(self, verdict: Verdict, largest: Widths) -> list[Verdict]:
         """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""
         if verdict.suspect not in (ACCELEROMETER, GYRO):
             return [verdict]
@@ -201,73 +203,33 @@ class Hindsight:
         sound = self.before[-1]
         moved = verdict.bank.state[name][0] - sound.state[name][0]
         covariance = verdict.bank.P[0, b, b] - sound.P[0, b, b]
-        gains = of_axes(moved, covariance, bias.sigma, WIDEST * bias.sigma)
+        gains = of_axes(moved, covariance, bias.sigma, float(largest[verdict.suspect][0]))
+        verdict = verdict._replace(moved=tuple(moved.tolist()))
         each = [
             verdict._replace(log_likelihood=verdict.log_likelihood + gains[axes], axes=axes) for axes in gains
         ]
         return sorted(each, key=lambda v: -v.log_likelihood)
+
+    def with_sound_axes(self, verdict: Verdict) -> Verdict:
+        """Return a verdict on a sensor whose filter knows the axes that have not jumped as a sound one does."""
+        widths = estimated_widths(verdict.suspect, self.setup, [(verdict.axes, verdict.moved)])
+        bank = self.at(verdict.onset_ns)
+        again = None if bank is None else self.from_onset(verdict.suspect, bank, {verdict.suspect: widths})
+        return verdict if again is None else verdict._replace(bank=again.bank)
 
     def at(self, t_ns: int) -> Bank | None:
         """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""
         bank = copy_bank(max((b for b in self.before if _now_ns(b) <= t_ns), key=_now_ns))
         return None if self.until(bank, t_ns) is None else bank
 
-    def plausible(self, bank: Bank) -> bool:
+    def plausible(self, bank: Bank, largest: Widths) -> bool:
         """Return whether the biases are still plausible: a faulty or stuck sensor has no bias."""
         before, after = self.past.banks[0].state[0], bank.state[0]
-        biases = (bias_of(sensor, self.setup) for sensor in (ACCELEROMETER, GYRO))
+        names = {sensor: bias_of(sensor, self.setup)[1] for sensor in largest}
         return all(
-            bool(np.abs(after[name] - before[name]).max() <= _LARGEST * bias.sigma)
-            for _, name, bias in biases
+            bool(np.abs(after[name] - before[name]).max() <= _LARGEST * largest[sensor][0])
+            for sensor, name in names.items()
         )
-
-    def other_tags(self) -> Iterator[Verdict]:
-        """Yield the results for GNSS time tags that are off since a few seconds."""
-        rows = tuple((w, rows_at(self.stretches, w.t_ns)) for w in self.base[-_TAGS_EPOCHS:])
-        for start in self.before[-1 - _GNSS_TAGS_BACK : -1]:
-            found = self.shifted(GNSS_TAGS, start, -tag_error_s(rows))
-            if found is not None:
-                yield found
-
-    def other_imu_tags(self) -> Iterator[Verdict]:
-        """Yield the results for inertial time tags that are off from the start, then between the best of these."""
-        found = {0.0: self.as_it_was}
-        for shift_s in _TAGS_S:
-            verdict = self.shifted(IMU_TAGS, self.oldest(), shift_s)
-            if verdict is not None:
-                found[shift_s] = verdict.log_likelihood
-                yield verdict
-        top_s = summit(found)
-        verdict = self.shifted(IMU_TAGS, self.oldest(), top_s)
-        if verdict is not None:
-            yield verdict
-
-    def shifted(self, suspect: str, start: Bank, shift_s: float) -> Verdict | None:
-        """Return the result for time tags that are off by ``shift_s``; those of GNSS move the satellites.
-
-        Epochs that a shift could bring before ``start``, or back behind it, count as they did: all shifts are judged by
-        the same rows.
-        """
-        shift_ns = int(shift_s * NS_PER_S)
-        if not _SMALLEST_SHIFT_NS < abs(shift_ns) < _LONGEST_SHIFT_NS:
-            return None
-        sound, bank, first_ns = copy_bank(start), copy_bank(start), _now_ns(start) + _LONGEST_SHIFT_NS
-        if self.until(sound, first_ns) is None:
-            return None
-        for name in ("log_likelihood", "epoch_ns"):
-            bank.head[name] = sound.head[name]
-        first = [int(np.searchsorted(e.rows.epoch_ns, first_ns, side="right")) for e in self.stretches]
-        begun = tuple(e._replace(first=k) for e, k in zip(self.stretches, first, strict=True))
-        if suspect == IMU_TAGS:
-            found = self.verdict(
-                suspect, at_other_tags(bank, shift_ns), begun, imu=earlier(self.imu, shift_ns)
-            )
-        else:
-            bank.head["epoch_ns"] += shift_ns
-            bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
-            begun = tuple(e._replace(rows=later(e.rows, shift_ns)) for e in begun)
-            found = self.verdict(suspect, bank, begun, shift_ns)
-        return None if found is None else found._replace(size=shift_s)
 
     def verdict(
         self,
@@ -357,12 +319,18 @@ class Hindsight:
                 told.append(EpochLog(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
         return told
 
-    def either(self, lapse: bool) -> list[Verdict]:
+    def either(self, likely: Iterable[Verdict]) -> list[Verdict]:
         """Return the results where both sensors are suspect, for as long as it is not clear which one it is.
 
-        ``lapse`` says whether one may have lied for a moment, too.
+        Their jumps may be those of the ``likely`` verdicts; that one lied for a moment is possible if one says so.
         """
-        return [verdict._replace(suspect=EITHER) for verdict in self.sensor(ANY if lapse else EITHER)]
+        jumps = [(v.suspect, v.axes, v.moved) for v in likely]
+        widths = {
+            sensor: estimated_widths(sensor, self.setup, [(a, m) for of, a, m in jumps if of == sensor])
+            for sensor in (ACCELEROMETER, GYRO)
+        }
+        lapse = any(of == LAPSE for of, _, _ in jumps)
+        return [verdict._replace(suspect=EITHER) for verdict in self.sensor(ANY if lapse else EITHER, widths)]
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""

@@ -60,6 +60,11 @@ class FilterHistory:
         return int(_LOOK_AGAIN_NS * 2 ** min(self.in_vain, _MOST_IN_VAIN))
 
     @property
+    def look_again_ns(self) -> int:
+        """When a suspicion may be checked again, however often that was in vain."""
+        return self.judged_ns + _LOOK_AGAIN_NS
+
+    @property
     def due_ns(self) -> int:
         """When the filter is to be kept next."""
         return int(self.banks[-1].head[0].now_ns) + _EVERY_NS if self.banks else 0

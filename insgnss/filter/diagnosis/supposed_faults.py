@@ -9,14 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.filter.state import BG, DR, DV, PSI, Bank, copy_bank
 from insgnss.filter.update.lasting_errors import epochs_of_an_error
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
-from insgnss.inertial.sensor_model import BiasModel, sensor_model
 from insgnss.status import DRIFTING, USED
+from insgnss.tables import Float64
 
-ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
+EITHER = "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
 RATES = "range rates"  # of all satellites
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
@@ -26,22 +27,27 @@ SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
 
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
-WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
-_EARLIEST_S: Final = 90.0
+EARLIEST_S: Final = 90.0
 _LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of velocity and attitude after wrong readings
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
 def with_fault(
-    bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False, risen2: float = 1.0
+    bank: Bank,
+    setup: FilterSetup,
+    suspect: str,
+    widths: Float64 | None = None,
+    earlier: bool = False,
+    risen2: float = 1.0,
 ) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
+    """Return a copy of a filter to which the biases of a sensor are unknown.
 
-    After a lapse these are the states that the wrong readings changed: attitude, velocity and position; of noise, its
-    level, ``risen2`` times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has
-    turned the attitude by psi = -C b t, with t uniform up to 90 s.
+    Their jumps have the sigmas ``widths`` (3,) [rad/s] or [m/s^2]. After a lapse these are the states that the wrong
+    readings changed: attitude, velocity and position; of noise, its level, ``risen2`` times. On a straight a gyro fault
+    does not show. If it may be ``earlier`` than the bank, it has turned the attitude by psi = -C b t, with t uniform up
+    to 90 s.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
@@ -58,21 +64,17 @@ def with_fault(
                 [1.0, moved_s], [1.0, moved_s]
             )
         return found
-    at, _, bias = bias_of(suspect, setup)
-    variance = (WIDEST * bias.sigma) ** 2
-    found.P[0, range(at, at + 3), range(at, at + 3)] += variance
+    at = bias_of(suspect, setup)[0]
+    assert widths is not None
+    variance = np.diag(widths**2)
+    found.P[0, at : at + 3, at : at + 3] += variance
     if suspect == GYRO and earlier:
-        turned = _EARLIEST_S / 2.0 * variance * found.state[0].C_eb
+        C = found.state[0].C_eb
+        turned = EARLIEST_S / 2.0 * C @ variance
         found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
         found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
-        found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
+        found.P[0, PSI : PSI + 3, PSI : PSI + 3] += EARLIEST_S**2 / 3.0 * C @ variance @ C.T
     return found
-
-
-def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
-    """Return the place of a sensor's biases in the error state, their name in the state, and their model."""
-    sensor = sensor_model(setup.grade)
-    return (BA, "b_a", sensor.accel_bias) if suspect == ACCELEROMETER else (BG, "b_g", sensor.gyro_bias)
 
 
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any, Final, NamedTuple
@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
+from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     GNSS_TAGS,
@@ -38,6 +39,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SATELLITES,
     SENSORS,
 )
+from insgnss.filter.diagnosis.tag_faults import other_imu_tags, other_tags
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
 from insgnss.filter.headings.heading_bank import merge_into
 from insgnss.filter.layout import Layout
@@ -53,6 +55,8 @@ from insgnss.tables import Float64
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
+# the same odds where what was seen for ten seconds counts once: a fault that is so clear needs no second look
+_CLEAR: Final = 10.0 * _SURE
 _COARSE: Final = 3.0 * _SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
@@ -125,6 +129,17 @@ def over_onsets(explanation: Explanation, layout: Layout) -> Verdict:
     return best._replace(bank=select_members(bank, np.array([lead], np.int64)))
 
 
+def with_sound_axes(explanation: Explanation, again: Hindsight) -> Explanation:
+    """Return an explanation by a sensor's jump with filters that know the axes which have not jumped."""
+    if explanation.suspect not in (ACCELEROMETER, GYRO):
+        return explanation
+    weights = log_weights(explanation.verdicts)
+    heavy = np.flatnonzero(weights > weights.max() - _SURE)
+    new = [again.with_sound_axes(v) if i in heavy else v for i, v in enumerate(explanation.verdicts)]
+    best = again.with_sound_axes(explanation.best)
+    return explanation._replace(verdicts=tuple(new), best=best)
+
+
 def _unknown(verdict: Verdict) -> float:
     return verdict.size if verdict.suspect == IMU_TAGS else verdict.onset_ns / NS_PER_S
 
@@ -167,6 +182,17 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
     return tuple(int(n) for n in np.unique(np.flatnonzero(until_s > t_ns * 1e-9) // N_BANDS))
 
 
+def every_fault(again: Hindsight) -> Iterator[Verdict]:
+    """Yield the results of the last minute for every supposed fault."""
+    for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
+        if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, again.setup)[2].sigma > 0.0:
+            # a sensor that is said to have no bias cannot have one that jumps
+            yield from again.sensor(suspect)
+    yield from again.without_satellites()
+    yield from other_tags(again)
+    yield from other_imu_tags(again)
+
+
 def judge(
     past: FilterHistory, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> tuple[Verdict | None, FilterHistory]:
@@ -177,7 +203,7 @@ def judge(
     again = Hindsight(past, setup, imu, parameters, span)
     if not again.came_through:
         return None, replace(past, in_vain=past.in_vain + 1)
-    told = explanations(again.suspects(), again.as_it_was)
+    told = explanations(every_fault(again), again.as_it_was)
     if not told:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in told if each.best.fits]
@@ -191,19 +217,26 @@ def judge(
         return None, past
     likely = [each for each in told if each.log_odds > first.log_odds - _SURE]
     chosen = shared(likely)
-    # where late GNSS tags began is seen for some seconds only
-    seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
-    if chosen is not None and seen and chosen.best.fits and log_odds(_with(chosen, told), told) > _SURE:
-        verdict = again.to_the_end(over_onsets(chosen, setup.layout))
+    if chosen is not None and chosen.best.fits and _is_shown(_with(chosen, told), told, before):
+        verdict = again.to_the_end(over_onsets(with_sound_axes(chosen, again), setup.layout))
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
         return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
     sensors = [each for each in told if each.suspect in SENSORS]
-    if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
+    if past.opened or first not in sensors or not _is_shown(sensors, told, before):
         return None, past
-    either = explanations(again.either(any(each.suspect == LAPSE for each in likely)), again.as_it_was)
+    either = explanations(again.either([each.best for each in likely]), again.as_it_was)
     verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
+
+
+def _is_shown(of: list[Explanation], told: list[Explanation], before: frozenset[str | int]) -> bool:
+    """Return whether some explanations are far likelier than all others, and were ``before`` or are so clearly now.
+
+    Where late GNSS tags began is seen for some seconds only.
+    """
+    seen = all(_accused(each) <= before for each in of[:1]) or of[0].suspect == GNSS_TAGS
+    return log_odds(of, told) > (_SURE if seen else _CLEAR)
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:

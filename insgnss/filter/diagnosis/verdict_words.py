@@ -9,11 +9,10 @@ import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.diagnosis.hindsight import Verdict
+from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO
 from insgnss.filter.diagnosis.supposed_faults import (
-    ACCELEROMETER,
     EITHER,
     GNSS_TAGS,
-    GYRO,
     IMU_TAGS,
     LAPSE,
     RATES,

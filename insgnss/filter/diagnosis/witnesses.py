@@ -66,21 +66,30 @@ def fits(written: list[EpochLog], strict: bool) -> bool:
 
     ``strict`` is for what explains much in any case: sensors whose errors are unknown.
     """
-    if not written:
-        return False
-    ledger = np.concatenate([w.ledger for w in written[-_FITTING_EPOCHS:]])
+    late = written[-_FITTING_EPOCHS:]
     for kind in range(2):
-        status = ledger["status"][:, kind]
-        used, refused = judged(status)
+        used, refused = judged(np.concatenate([w.of_kind(kind).status for w in late]))
         if used + refused < FEW:
             continue
         if used < _FITS[strict] * (used + refused):
             return False
-        row = ledger[status == USED]
-        nis = row["innovation"][:, kind] ** 2 / row["variance"][:, kind]
-        if float(nis.mean()) > _LARGEST_NIS[strict]:
+        if sum(least_nis(w.of_kind(kind)) for w in late) > _LARGEST_NIS[strict] * used:
             return False
-    return True
+    return bool(late)
+
+
+def least_nis(rows: KindColumns) -> float:
+    """Return the normalised squares of an epoch's used rows of one kind, summed.
+
+    Equation: y^T S^-1 y with S = diag(s), s the variances of the innovations, or with S = diag(s - p) + q q^T,
+    q_i = sqrt(p_i), p their predicted parts: as if the errors of the prediction were independent, or all the same as
+    the clock's is. The smaller of the two: a clock that wanders by three sigmas is one event and not one of each row.
+    """
+    used = rows.status == USED
+    y, s, p = rows.innovation[used], rows.variance[used], rows.predicted[used]
+    r = s - p
+    common = float(np.sum(y**2 / r) - np.sum(y * np.sqrt(p) / r) ** 2 / (1.0 + np.sum(p / r)))
+    return min(float(np.sum(y**2 / s)), common)
 
 
 def singles(written: list[EpochLog], since_ns: int) -> list[tuple[int, ...]]:
