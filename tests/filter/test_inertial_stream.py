@@ -167,15 +167,42 @@ def test_spike_is_left_out(sensor: str, size: float, rng: np.random.Generator) -
     assert kinds(found).count("imu_spike") == 20
 
 
+@pytest.mark.parametrize("length", [2, 3])
+@pytest.mark.parametrize(("sensor", "size"), [("w_ib_b", [4.0, -7.0, 5.0]), ("f_b", [60.0, 45.0, 90.0])])
+def test_spike_of_some_samples_and_a_shock_are_both_within_one_sigma(
+    sensor: str, size: list[float], length: int, rng: np.random.Generator
+) -> None:
+    """What the samples would have changed: half of it is taken and as much is unknown."""
+
+    def integral(of: ScreenedLog) -> float:
+        dt = np.diff(of.imu.t_ns) * 1e-9
+        return float(dt @ getattr(of.imu, sensor)[1:, 1])
+
+    table = log(rng, times(0.01, 3000, 0.0, rng))
+    whole = integral(screened(table, setup(TACTICAL)))
+    getattr(table, sensor)[1500 : 1500 + length, 1] += size[:length]
+    found = screened(table, setup(TACTICAL))
+    assert kinds(found) == ["imu_spike"] * length
+
+    shock = 0.01 * sum(size[:length])
+    moved = integral(found) - whole
+    at = np.flatnonzero(found.imu.unknown[:, 0 if sensor == "w_ib_b" else 1])
+    dt = np.diff(found.imu.t_ns)[at - 1] * 1e-9
+    sigma = float(np.sqrt(dt @ found.imu.unknown[at, 0 if sensor == "w_ib_b" else 1]))
+    noise = 0.01 if sensor == "f_b" else 0.003
+    assert moved == pytest.approx(0.5 * shock, abs=noise)
+    assert abs(0.5 * shock) - noise < sigma < 1.1 * abs(0.5 * shock) + noise
+
+
 def test_motion_is_no_spike(rng: np.random.Generator) -> None:
-    """A rocket's ignition, a rate that begins at a stroke, the vibration of a motor, a shock of two samples."""
+    """A rocket's ignition, a rate that begins at a stroke, the vibration of a motor, a shock of five samples."""
     table = log(rng, times(0.005, 20_000, 0.0, rng))
     table.f_b[4000:, 0] += 150.0
     table.w_ib_b[8000:9000, 0] += 10.0
     t = np.arange(8000) * 0.005
     table.f_b[12_000:, 2] += 30.0 * np.sin(2.0 * np.pi * 71.3 * t)
     table.w_ib_b[12_000:, 1] += 1.0 * np.sin(2.0 * np.pi * 83.1 * t)
-    table.f_b[10_000:10_002, 1] += 80.0
+    table.f_b[10_000:10_005, 1] += 80.0
     found = screened(table, setup(TACTICAL))
     assert found.events == [] and len(found.imu.t_ns) == 20_000
 

@@ -306,7 +306,7 @@ def one_heading_with_unknown_motion() -> list[Any]:
 
 
 def screened_samples() -> list[Any]:
-    """Return the verdicts on a log with gaps, wild values, a spike and sensors that are out."""
+    """Return the verdicts on a log with gaps, wild values, spikes and sensors that are out."""
     t = np.arange(1100) * 0.01
     w = 0.3 * np.sin(t[:, None] * [0.7, 1.1, 0.3]) + 1e-3 * np.sin(1e4 * t[:, None] * [1.0, 1.3, 1.7])
     f = (
@@ -314,7 +314,7 @@ def screened_samples() -> list[Any]:
         + np.sin(t[:, None] * [0.5, 0.8, 1.0])
         + 0.02 * np.sin(1e4 * t[:, None] * [2.0, 2.3, 2.7])
     )
-    w[320, 1], f[340, 0], w[360, 2] = math.nan, 1e9, 30.0
+    w[320, 1], f[340, 0], w[360, 2], f[300:302, 1] = math.nan, 1e9, 30.0, 80.0
     w[380:680, 2], f[480:520, 1] = w[380, 2], 0.0
     f[690:700, 0] = 500.0
     keep = np.ones(len(t), np.bool_)

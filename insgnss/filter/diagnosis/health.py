@@ -147,7 +147,7 @@ class FilterHealth:
         lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
         tells = _tells(lines) and health.recovery
         if len(bank.state) == 1 and tells and t_ns >= self.past.look_again_ns:
-            bank.head["doubted_ns"] = t_ns  # before a reset a look in vain is no reason to wait
+            bank.head["doubted_ns"] = t_ns  # before a reset it is checked in any case
             found = self.suspect(bank, imu, t_ns, parameters)
             if found.bank is not bank:
                 return found

@@ -26,9 +26,10 @@ from insgnss.filter.diagnosis.jumps import (
 from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory
 from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
-    ANY,
     EARLIEST_S,
     EITHER,
+    EITHER_OR_LAPSE,
+    EITHER_OR_SHOCK,
     GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
@@ -37,6 +38,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     RATES,
     SATELLITES,
     SENSORS,
+    SHOCK,
     quiet,
     with_errors_that_last,
     with_fault,
@@ -62,7 +64,11 @@ from insgnss.filter.update.satellite_memory import LEFT_OUT_S, RATE, RATE_S, RAT
 from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_epochs
 
-_TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
+_TOGETHER: Final = {
+    EITHER: (ACCELEROMETER, GYRO),
+    EITHER_OR_SHOCK: (ACCELEROMETER, GYRO, SHOCK),
+    EITHER_OR_LAPSE: (ACCELEROMETER, GYRO, LAPSE),
+}
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
 _YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
@@ -329,8 +335,9 @@ class Hindsight:
             sensor: estimated_widths(sensor, self.setup, [(a, m) for of, a, m in jumps if of == sensor])
             for sensor in (ACCELEROMETER, GYRO)
         }
-        lapse = any(of == LAPSE for of, _, _ in jumps)
-        return [verdict._replace(suspect=EITHER) for verdict in self.sensor(ANY if lapse else EITHER, widths)]
+        named = {of for of, _, _ in jumps}
+        suspect = EITHER_OR_LAPSE if LAPSE in named else EITHER_OR_SHOCK if SHOCK in named else EITHER
+        return [verdict._replace(suspect=EITHER) for verdict in self.sensor(suspect, widths)]
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""

@@ -22,15 +22,19 @@ SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
 RATES = "range rates"  # of all satellites
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
-ANY = "any of these"
-SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
+SHOCK = "shock"  # the same of a few samples, as of a shock that exceeds the sensor's bandwidth or a spike
+EITHER_OR_LAPSE, EITHER_OR_SHOCK = "either or a lapse", "either or a shock"
+SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE, SHOCK)
 
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 EARLIEST_S: Final = 90.0
-_LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of velocity and attitude after wrong readings
+_LIE: Final = {
+    LAPSE: (10.0, math.radians(10.0)),
+    SHOCK: (1.0, math.radians(0.5)),
+}  # sigmas of velocity and attitude
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
@@ -56,11 +60,12 @@ def with_fault(
     if suspect == RATES:
         found.state["rates_out_ns"] = _FOR_GOOD_NS
         return found
-    if suspect == LAPSE:
+    if suspect in _LIE:
+        lie_mps, lie_rad = _LIE[suspect]
         moved_s = 0.5 * _LIE_S
         for i in range(3):
-            found.P[0, PSI + i, PSI + i] += _LIE_RAD**2
-            found.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += _LIE_MPS**2 * np.outer(
+            found.P[0, PSI + i, PSI + i] += lie_rad**2
+            found.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += lie_mps**2 * np.outer(
                 [1.0, moved_s], [1.0, moved_s]
             )
         return found

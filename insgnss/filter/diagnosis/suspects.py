@@ -38,6 +38,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     RATES,
     SATELLITES,
     SENSORS,
+    SHOCK,
 )
 from insgnss.filter.diagnosis.tag_faults import other_imu_tags, other_tags
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
@@ -184,7 +185,7 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
 
 def every_fault(again: Hindsight) -> Iterator[Verdict]:
     """Yield the results of the last minute for every supposed fault."""
-    for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
+    for suspect in (ACCELEROMETER, GYRO, SHOCK, LAPSE, NOISE, RATES):
         if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, again.setup)[2].sigma > 0.0:
             # a sensor that is said to have no bias cannot have one that jumps
             yield from again.sensor(suspect)

@@ -17,6 +17,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     LAPSE,
     RATES,
     SATELLITES,
+    SHOCK,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
@@ -48,7 +49,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " the last minute recomputed"
         )
         return Event(t_ns, "kind_refused", detail)
-    if verdict.suspect == LAPSE:
+    if verdict.suspect in (LAPSE, SHOCK):
         detail = "an inertial sensor was wrong for a moment: attitude, velocity and position are re-estimated"
         return Event(t_ns, "sensor_suspect", detail)
     if verdict.suspect == EITHER:

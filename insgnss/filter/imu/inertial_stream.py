@@ -82,7 +82,9 @@ class ScreeningReporter:
             )
             return self._counted(t_ns, "imu_bad_sample", detail)
         if kind == SPIKE:
-            detail = f"the {_SENSORS[int(size)]} jump away and back within one sample: left out"
+            detail = (
+                f"the {_SENSORS[int(size)]} jump away and back within three samples: this one is left out"
+            )
             return self._counted(t_ns, "imu_spike", detail)
         if kind == OUT_BEGINS:
             axes = int(edit["axes"])

@@ -62,7 +62,6 @@ class ScreenRecord(Record):
     """The memory of the screening of inertial samples."""
 
     # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
-    # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
     limit: Annotated[Float64, 2]  # larger values are not measurements
     range: Annotated[Float64, 2]  # declared measuring range, infinite if not declared
     noise_density: Annotated[Float64, 2]  # white noise of the grade, unit^2 s
@@ -82,6 +81,8 @@ class ScreenRecord(Record):
     n_steps: int
     left_out: int  # samples left out since the newest one taken
     in_bad_run: int
+    spike: int  # samples of the spike since the newest one taken
+    in_spike: Annotated[Float64, 6]  # what they would have changed: rotation [rad], velocity [m/s]
     calm: int  # samples since the last one that leapt
     wiggle2: Annotated[Float64, 2]  # mean square of a sample's departure from its neighbours
     n_wiggles: int

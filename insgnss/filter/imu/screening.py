@@ -35,7 +35,7 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_density,
     unknown_variance,
 )
-from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike
+from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike, note_spike, taken_of_spike
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
@@ -89,6 +89,7 @@ def screen(
         if spike > 0:
             write(edits, count, k, t_ns[k], SPIKE, spike - 1.0)
             s.left_out += 1
+            note_spike(s, w_ib_b, f_b, k)
         else:
             for i in range(3):
                 x[i] = w_ib_b[k, i]
@@ -186,6 +187,9 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
     s.t_ns = t_ns
     s.n += 1
     s.left_out = 0
+    s.spike = 0
+    for i in range(6):
+        s.in_spike[i] = 0.0
 
 
 @kernel(inline=True)
@@ -234,10 +238,14 @@ def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edi
         density = max(s.least_change[sensor], ABOVE_AVERAGE * s.most_change[sensor])
         density = max(density, change2 / length)
         variance = density * length**3 / 12.0 + 0.5 * s.wiggle2[sensor] / 1.5 * length**2
+        spike2 = 0.0
+        for i in range(3):
+            spike2 = max(spike2, taken_of_spike(s, 3 * sensor + i) ** 2)
+        variance += spike2
         edit.unknown[sensor] = variance / length
     for i in range(3):
-        edit.w[i] = 0.5 * (s.x[i] + x[i])
-        edit.f[i] = 0.5 * (s.x[3 + i] + x[3 + i])
+        edit.w[i] = 0.5 * (s.x[i] + x[i]) + taken_of_spike(s, i) / length
+        edit.f[i] = 0.5 * (s.x[3 + i] + x[3 + i]) + taken_of_spike(s, 3 + i) / length
     rotation = edit.unknown[GYRO] * length
     if dt > s.restart_s or rotation > s.restart_variance:
         begin_anew(s, edits, count, rotation, t_ns)

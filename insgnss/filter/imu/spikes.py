@@ -1,4 +1,8 @@
-"""Impossible inertial samples and spikes: values beyond any sensor's range, and leaps of one sample; compiled."""
+"""Impossible inertial samples and spikes: values beyond any sensor's range, leaps of one to three samples; compiled.
+
+A leap of one sample is an error: no vehicle moves so. One of two or three samples may be an error or a shock: half of
+it is taken for motion, and as much counts as unknown.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ WARM: Final = 50  # samples that must have been seen before a spike is one
 SLEW: Final = (75.0, 2500.0)  # [rad/s^2], [m/s^3]
 SLEW_MOST: Final = (3.0, 60.0)  # [rad/s], [m/s^2]
 ALONE: Final = 5  # samples before and after a spike without another: vibration leaps again and again
+LONGEST: Final = 3  # samples of a spike
 NEAR_STEPS: Final = 3.5  # typical steps to the sample before, within which a leap is one
 
 
@@ -39,7 +44,8 @@ def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> 
         limit2 = max(s.spike_sigma * s.spike_sigma * s.wiggle2[sensor], least_spike(s, sensor) ** 2)
         if leap(s, x, k, sensor) ** 2 <= limit2:
             continue
-        found = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if s.calm >= ALONE else 0
+        judged = s.calm >= ALONE or 0 < s.spike < LONGEST
+        found = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if judged else 0
         if found < 0:
             return -1
         s.calm = 0
@@ -59,17 +65,23 @@ def leap(s: ScreenRecord, x: Float64, k: int, sensor: int) -> float:
 
 @kernel(apart=True)
 def stands_alone(s: ScreenRecord, w: Float64, f: Float64, k: int, sensor: int, limit: float) -> int:
-    """Return 1 when the samples after ``k`` are back where it leapt from, 0 when not, -1 when they are missing."""
+    """Return 1 when the samples after ``k`` are back where it leapt from, 0 when not, -1 when they are missing.
+
+    The next ones may belong to the same spike.
+    """
     x = w if sensor == GYRO else f
-    n, j = 0, k + 1
+    n, j, more = 0, k + 1, LONGEST - 1 - s.spike
     while n < ALONE and j < w.shape[0]:
         if is_possible(s, w, f, j):
             off = 0.0
             for i in range(3):
                 off = max(off, abs(x[k, i] - 0.5 * (x[j, i] + s.x[3 * sensor + i])))
             if off <= limit or leap(s, x, j, sensor) >= 0.5 * off:
-                return 0
-            n += 1
+                if n > 0 or more == 0:
+                    return 0
+                more -= 1
+            else:
+                n += 1
         j += 1
     return 1 if n == ALONE else -1
 
@@ -79,3 +91,18 @@ def least_spike(s: ScreenRecord, sensor: int) -> float:
     """Return by how much a spike stands out at least, whatever the noise [rad/s] or [m/s^2]."""
     least: float = min(SLEW[sensor] * s.step, SLEW_MOST[sensor])
     return least
+
+
+@kernel(inline=True)
+def note_spike(s: ScreenRecord, w: Float64, f: Float64, k: int) -> None:
+    """Add what sample ``k`` of a spike would have changed: its excess over the newest sample taken, over a step."""
+    s.spike += 1
+    for i in range(3):
+        s.in_spike[i] += (w[k, i] - s.x[i]) * s.step
+        s.in_spike[3 + i] += (f[k, i] - s.x[3 + i]) * s.step
+
+
+@kernel(inline=True)
+def taken_of_spike(s: ScreenRecord, i: int) -> float:
+    """Return what is taken for motion of axis ``i`` of a spike [rad] or [m/s]: half of it, of one sample nothing."""
+    return 0.5 * float(s.in_spike[i]) if s.spike > 1 else 0.0
