@@ -33,6 +33,8 @@ NS_PER_DAY: Final = S_PER_DAY * NS_PER_S
 M_PER_KM: Final = 1000.0
 SIGMA_PER_MEDIAN: Final = 1.4826  # of a normal error: sigma over the median of its size
 
+SYSTEMS: Final = "GRECJIS"  # GPS, GLONASS, Galileo, BeiDou, QZSS, NavIC, SBAS: letters of RINEX 3
+
 # Broadcast orbits: each system's own gravitational constant and Earth rotation rate. The factor F of the clock's
 # periodic relativity follows from mu in each ICD, F = -2 sqrt(mu) / c^2. QZSS (IS-QZSS-PNT-005, 5.5.2) and NavIC (SPS
 # ICD 1.1, 6.2.3) use the numbers of GPS.

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -27,6 +28,11 @@ _SAME_TIME_NS: Final = 200_000_000  # within which readings of two sensors count
 def stretches_of(flags: Bool) -> Int64:
     """Return the first index and the end of each unbroken stretch of True, (k, 2)."""
     return np.flatnonzero(np.diff(flags, prepend=False, append=False)).reshape(-1, 2)
+
+
+def rms(values: Float64) -> float:
+    """Return the root mean square, NaN where there are no values."""
+    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
 
 
 @dataclass(frozen=True)

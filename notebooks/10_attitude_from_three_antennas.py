@@ -56,9 +56,9 @@ from insgnss.attitude import (
 from insgnss.attitude.baselines import attitude_matrices, wrapped
 from insgnss.attitude.correlator_bank import phase_variances
 from insgnss.attitude.figures import histogram_figure, planar_figure, simulated_figure
-from insgnss.attitude.small_rotation import rotation_vector
 from insgnss.config.library import imu_grade
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.geodesy.rotations import rotation_vector
 from insgnss.report.figures import STYLE
 from insgnss.runs.simulate import simulate
 

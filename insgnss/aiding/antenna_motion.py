@@ -71,14 +71,6 @@ def instant_rates(imu: TraceSamples, k: int, slope_samples: int, work: Float64) 
 
 
 @kernel(inline=True)
-def cross(x: Float64, y: Float64, out: Float64) -> None:
-    """Write x cross y."""
-    out[0] = x[1] * y[2] - x[2] * y[1]
-    out[1] = x[2] * y[0] - x[0] * y[2]
-    out[2] = x[0] * y[1] - x[1] * y[0]
-
-
-@kernel(inline=True)
 def cross_rows(work: Float64, x: int, y: int, out: int) -> None:
     """Write the cross product of two rows into a third: without cutting rows out, which costs more than the product."""
     a, b, c = work[x, 0], work[x, 1], work[x, 2]

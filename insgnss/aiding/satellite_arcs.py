@@ -228,7 +228,7 @@ def _omega_cross(vectors: Float64) -> Float64:
     return WGS84_OMEGA_RADPS * np.stack([-y, x, np.zeros_like(x)], axis=-1)
 
 
-def earth_turn(since_s: npt.ArrayLike) -> Float64:
+def earth_turn_matrix(since_s: npt.ArrayLike) -> Float64:
     """Return (..., 3, 3) the matrix from ECEF to the axes that were ECEF's ``since_s`` before."""
     angle = WGS84_OMEGA_RADPS * np.asarray(since_s, np.float64)
     sine, cosine = np.sin(angle), np.cos(angle)
@@ -258,7 +258,7 @@ def elevations(arcs: Arcs, t_ns: Int64, r_e: Float64, up_e: Float64) -> Float64:
         since_s = part[rows] / NS_PER_S
         powers = np.vander(since_s - USUAL_FLIGHT_S, N_POWERS, increasing=True)
         r_s = np.einsum("nk,sik->nsi", powers, arcs.pieces[:, p, :3])
-        turn = earth_turn(since_s)
+        turn = earth_turn_matrix(since_s)
         d = r_s - np.einsum("nij,nj->ni", turn, r_e[rows])[:, None]
         up = np.einsum("nij,nj->ni", turn, up_e[rows])
         sine[rows] = np.einsum("nsi,ni->ns", d, up) / np.sqrt(np.einsum("nsi,nsi->ns", d, d))
@@ -282,7 +282,7 @@ def lines_of_sight(arcs: Arcs, t_ns: Int64, satellite: Int64, r_e: Float64) -> F
     r_s = arcs.pieces[satellite, piece, :3, N_POWERS - 1]
     for k in range(N_POWERS - 2, -1, -1):
         r_s = r_s * sent_s[:, None] + arcs.pieces[satellite, piece, :3, k]
-    turn = earth_turn(part / NS_PER_S)
+    turn = earth_turn_matrix(part / NS_PER_S)
     # back from the piece's axes: by the transpose
     d = np.einsum("qji,qj->qi", turn, r_s) - r_e
     return np.asarray(d / np.linalg.norm(d, axis=1)[:, None])

@@ -24,12 +24,13 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, VehicleTrace, cross, place_motion, turn_about_axis
+from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, VehicleTrace, place_motion, turn_about_axis
 from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.geodesy.vectors import cross, place
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
@@ -92,7 +93,7 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
     """
     u, W, l_b, c_b, q_b = line[0], line[1], work[ARM], work[ARM + 1], work[ARM + 2]
     along = u[0] * W[0] + u[1] * W[1] + u[2] * W[2]
-    g, l_e, c_e, q_e, v, u_b = s[0], s[1], s[2], s[3], s[4], s[5]
+    g, l_e, c_e, q_e, u_b = s[0], s[1], s[2], s[3], s[5]
     for i in range(3):
         g[i] = (u[i] * along - W[i]) / rho
         l_e[i] = C_eb[i, 0] * l_b[0] + C_eb[i, 1] * l_b[1] + C_eb[i, 2] * l_b[2]
@@ -105,19 +106,19 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
         h[2, BA + i] = u_b[i]
     h[1, DR] -= u[1] * WGS84_OMEGA_RADPS
     h[1, DR + 1] += u[0] * WGS84_OMEGA_RADPS
-    cross(u, l_e, h[0, PSI : PSI + 3])
-    cross(u, c_e, h[1, PSI : PSI + 3])
-    cross(l_e, g, v)
+    place(h[0], PSI, cross(u, l_e))
+    place(h[1], PSI, cross(u, c_e))
+    v = cross(l_e, g)
     for i in range(3):
         h[1, PSI + i] += v[i]
-    cross(u, q_e, h[2, PSI : PSI + 3])
-    cross(c_e, g, v)
+    place(h[2], PSI, cross(u, q_e))
+    v = cross(c_e, g)
     for i in range(3):
         h[2, PSI + i] += 2.0 * v[i]
-    cross(l_b, u_b, h[1, BG : BG + 3])
-    cross(u_b, work[RATE], v)
-    cross(l_b, v, h[2, BG : BG + 3])
-    cross(c_b, u_b, v)
+    place(h[1], BG, cross(l_b, u_b))
+    v = cross(u_b, work[RATE])
+    place(h[2], BG, cross(l_b, v))
+    v = cross(c_b, u_b)
     for i in range(3):
         h[2, BG + i] += v[i]
 

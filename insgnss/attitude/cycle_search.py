@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from insgnss.attitude.array_observability import SAME_DIRECTION
-from insgnss.attitude.small_rotation import rotation_matrix
+from insgnss.geodesy.rotations import rotation_matrix
 from insgnss.tables import Float64, Int64
 
 _STEP_CYCLES: Final = 0.2  # by which no difference changes more from node to node, about each axis
@@ -40,10 +40,11 @@ class DifferenceRows:
     covariance: Float64  # (R, R) [m^2]
     clock: Int64  # (R,) number of the unknown clock difference in each; -1 where the clock is common
 
-    def clocks(self) -> Float64:
-        """Return which clock difference is in which row, (R, clocks)."""
-        numbers = np.unique(self.clock[self.clock >= 0])
-        return np.asarray(self.clock[:, None] == numbers, np.float64)
+
+def clock_columns(clock: Int64) -> Float64:
+    """Return which clock difference is in which row, (R, clocks), of each row's number; -1: none."""
+    numbers = np.unique(clock[clock >= 0])
+    return np.asarray(clock[:, None] == numbers, np.float64)
 
 
 class Prior(NamedTuple):
@@ -121,7 +122,7 @@ def _less_clocks(rows: DifferenceRows) -> DifferenceRows:
 
 def _weights(rows: DifferenceRows) -> tuple[Float64, int]:
     """Return W with the clocks eliminated, (R, R), and the degrees of freedom: rows - clocks + 2 levels - 3 angles."""
-    W, B = np.linalg.inv(rows.covariance), rows.clocks()
+    W, B = np.linalg.inv(rows.covariance), clock_columns(rows.clock)
     if B.shape[1]:
         W = W - W @ B @ np.linalg.solve(B.T @ W @ B, B.T @ W)
     return np.asarray(W), len(W) - B.shape[1] - 1

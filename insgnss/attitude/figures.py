@@ -28,14 +28,13 @@ from insgnss.attitude.baselines import (
     phases_by_euler,
 )
 from insgnss.attitude.correlator_bank import draw_correlators
-from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.matplotlib_figure import PAPER_COLOURS, new_figure
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLOURS: Final = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#8c510a")
 _POINTS: Final = 400
 PLANAR_ANGLES_DEG: Final = (90.0, 60.0, 45.0, 30.0, 10.0)
 
@@ -53,7 +52,7 @@ def planar_figure(length_m: float = 1.5, wavelength_m: float = 0.19) -> Figure:
     figure = new_figure(8.0, 5.0)
     axes = figure.add_subplot()
     x = np.radians(np.linspace(-12.0, 12.0, _POINTS))
-    for colour, angle in zip(_COLOURS, PLANAR_ANGLES_DEG, strict=True):
+    for colour, angle in zip(PAPER_COLOURS, PLANAR_ANGLES_DEG, strict=True):
         rpy = np.radians([0.0, angle, 0.0])
         curve = discriminator_curve("pitch", x, rpy, array, sky)
         slope = float(slopes(rpy, array, sky)[1])
@@ -79,8 +78,8 @@ def simulated_figure(
         axes = figure.add_subplot(1, 3, place)
         exact = discriminator_curve(angle, x, rpy, array, sky, pair_slopes(ratios))
         drawn = simulated_curve(angle, x, rpy, array, sky, ratios, looks, seed)
-        axes.plot(np.degrees(x), exact, color=_COLOURS[0], label="(28)-(30)")
-        axes.plot(np.degrees(x), drawn, ".", color=_COLOURS[1], ms=3, label=f"{looks} looks")
+        axes.plot(np.degrees(x), exact, color=PAPER_COLOURS[0], label="(28)-(30)")
+        axes.plot(np.degrees(x), drawn, ".", color=PAPER_COLOURS[1], ms=3, label=f"{looks} looks")
         axes.set_xlabel(f"{angle} off by, deg")
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("mean output, 1/rad")
@@ -139,7 +138,7 @@ def slope_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     figure = new_figure(5.0 * len(samples), 4.0)
     for place, (name, sample) in enumerate(samples, 1):
         axes = figure.add_subplot(1, len(samples), place)
-        axes.plot(sample.slope, np.degrees(sample.width), ".", ms=1.5, color=_COLOURS[0], alpha=0.4)
+        axes.plot(sample.slope, np.degrees(sample.width), ".", ms=1.5, color=PAPER_COLOURS[0], alpha=0.4)
         axes.set_title(name)
         axes.set_xlabel("slope over S_psi, 1/rad²")
         axes.set_ylabel("aperture, deg")
@@ -151,7 +150,7 @@ def histogram_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     """Return figure 9: how the aperture is spread over the attitudes, with the interval that holds 95 % of them."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
-    for colour, (name, sample) in zip(_COLOURS, samples, strict=False):
+    for colour, (name, sample) in zip(PAPER_COLOURS, samples, strict=False):
         low, high = np.degrees(sample.interval())
         width = np.degrees(sample.width)
         label = f"{name}: 95 % in {low:.1f}...{high:.1f} deg"

@@ -25,10 +25,9 @@ from insgnss.attitude.baselines import (
     wrapped,
 )
 from insgnss.attitude.gyro_motion import N_GYRO_ERRORS, advance
-from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.config.flight import ImuGrade
 from insgnss.errors import ConfigError
-from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix, turn_left
+from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix, rotation_matrix, turn_left
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_not_negative, require_positive
 from insgnss.units import RAD_PER_DEG, S_PER_H, SQRT_S_PER_SQRT_H

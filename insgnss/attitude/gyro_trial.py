@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from insgnss.attitude.baselines import AntennaArray, Sky, attitude_matrices, phase_differences, wrapped
 from insgnss.attitude.gyro_attitude import GyroAttitude, GyroErrors, GyroState, PhaseUpdate
-from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector
 from insgnss.errors import ConfigError
+from insgnss.geodesy.rotations import rotation_matrix, rotation_vector
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_positive
 

@@ -34,8 +34,8 @@ from insgnss.attitude.baselines import (
     phases_by_euler,
     phases_by_rotation,
 )
-from insgnss.attitude.small_rotation import rotation_matrix, to_euler
 from insgnss.errors import ConfigError, GeometryError
+from insgnss.geodesy.rotations import rotation_matrix, to_euler
 from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_positive
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.attitude.baselines import AntennaArray, Sky, phase_differences, phases_by_rotation
-from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.attitude.wahba_problem import AttitudeEstimate
+from insgnss.geodesy.rotations import rotation_matrix
 from insgnss.tables import Float64
 
 _NEWTON_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad

@@ -6,12 +6,16 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
+
+EARTH_RATE_E: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])  # w_ie in e (and i) axes [rad/s]
 
 # the series' fractions: a compiler may not turn a division into a product, which takes a quarter of its time
 _6TH, _12TH, _20TH, _30TH, _42ND, _56TH, _72ND = (1.0 / n for n in (6.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0))
@@ -140,6 +144,32 @@ def to_scipy_quaternion(q: npt.ArrayLike) -> Float64:
 
 
 def cross_matrix(v: Float64) -> Float64:
-    """Return [v x] (3, 3)."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    """Return [v x] (..., 3, 3) of vectors (..., 3)."""
+    matrix = np.zeros((*v.shape, 3))
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
+    return matrix
+
+
+def rotation_matrix(phi: npt.ArrayLike) -> Float64:
+    """Return exp([phi x]), (3, 3), of a rotation vector (3,) [rad]."""
+    x, y, z = np.asarray(phi, np.float64)
+    C = np.empty((3, 3))
+    quaternion_to_matrix(np.array(rotation_vector_quaternion(x, y, z)), C)
+    return C
+
+
+def rotation_vector(C: npt.ArrayLike) -> Float64:
+    """Return the rotation vector (3,) of a matrix (3, 3), at most pi long [rad]."""
+    q = np.empty(4)
+    matrix_to_quaternion(np.ascontiguousarray(C, np.float64), q)
+    size = float(np.linalg.norm(q[1:]))
+    if size < np.finfo(float).tiny:
+        return np.zeros(3)
+    return np.asarray(2.0 * math.atan2(size, q[0]) / size * q[1:])
+
+
+def to_euler(C_nb: npt.ArrayLike) -> Float64:
+    """Return roll, pitch, yaw (3,) [rad] of C_nb (3, 3)."""
+    return np.array(matrix_to_euler(np.ascontiguousarray(C_nb, np.float64)))

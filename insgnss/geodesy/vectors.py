@@ -1,8 +1,13 @@
-"""Vectors of three components in kernels: tuples, which the compiler keeps in registers; arrays are read as well."""
+"""Vectors of three components in kernels: tuples, which the compiler keeps in registers; arrays are read as well.
+
+``cross_product`` is for arrays outside kernels.
+"""
 
 from __future__ import annotations
 
 from typing import TypeAlias
+
+import numpy as np
 
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -64,3 +69,12 @@ def place(target: Float64, at: int, a: Vector | Float64) -> None:
 def place_negative(target: Float64, at: int, a: Vector | Float64) -> None:
     """Write a vector, turned round, into ``target`` from ``at`` on."""
     target[at], target[at + 1], target[at + 2] = -a[0], -a[1], -a[2]
+
+
+def cross_product(a: Float64, b: Float64) -> Float64:
+    """Return a x b of arrays along the last axis, without the copies that NumPy's own makes."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

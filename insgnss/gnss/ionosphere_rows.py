@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
+from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY, SYSTEMS
 from insgnss.errors import ConfigError, NavigationDataError
 from insgnss.geodesy.directions import angles_of
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -40,7 +40,6 @@ MODELS: Final = ("klobuchar", "nequick", "beidou", "own", "none")
 NODE_S: Final = 300.0  # a satellite moves by 2.5 deg of its orbit
 _ARC_GAP_S: Final = 60.0  # over which a difference still is a rate: a delay bends by 1e-5 m/s^2 at most
 
-_SYSTEMS: Final = "GRECJIS"
 _OWN: Final = {"G": "klobuchar", "E": "nequick", "C": "beidou", "J": "qzss", "I": "navic"}
 _FALLBACK: Final = ("klobuchar", "nequick", "beidou")  # GPS's is the best tested and known to every receiver
 _COEFFICIENTS: Final = {"nequick": "galileo", "beidou": "beidou", "qzss": "qzss", "navic": "navic"}
@@ -123,9 +122,9 @@ def serving_models(navigation: NavigationData, model: str) -> dict[str, str]:
             'or set ionosphere = "own"',
         )
     if model != "own":
-        return dict.fromkeys(_SYSTEMS, model if model == "none" or _known(navigation, model) else "none")
+        return dict.fromkeys(SYSTEMS, model if model == "none" or _known(navigation, model) else "none")
     fallback = next((name for name in _FALLBACK if _known(navigation, name)), "none")
-    own = {system: _OWN.get(system, "none") for system in _SYSTEMS}
+    own = {system: _OWN.get(system, "none") for system in SYSTEMS}
     return {system: name if _known(navigation, name) else fallback for system, name in own.items()}
 
 

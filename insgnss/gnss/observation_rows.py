@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS
+from insgnss.constants import C_MPS, SYSTEMS
 from insgnss.gnss.carrier_rows import ABSENT as ABSENT
 from insgnss.gnss.carrier_rows import carrier_rows, no_carriers
 from insgnss.gnss.clock_groups import group_of_rows
@@ -46,11 +46,10 @@ from insgnss.status import (
 )
 from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int8, Int64, NavigationData
 
-_SYSTEMS: Final = "GRECJIS"
 _SLOTS_EACH: Final = 64
 _BANDS: Final = sorted({signal.band for signal in SIGNALS})
 N_BANDS: Final = len(_BANDS)
-N_SATELLITE_SLOTS: Final = _SLOTS_EACH * len(_SYSTEMS)
+N_SATELLITE_SLOTS: Final = _SLOTS_EACH * len(SYSTEMS)
 N_SLOTS: Final = N_SATELLITE_SLOTS * N_BANDS
 # pseudoranges outside cannot be ranges to a satellite, whatever the clock
 _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
@@ -244,12 +243,12 @@ def some_epochs(rows: GnssRows, begin: int, end: int) -> GnssRows:
 
 def satellite_name(number: int) -> str:
     """Return the name of a satellite by its number in any log, slot over ``N_BANDS``."""
-    return f"{_SYSTEMS[number // _SLOTS_EACH]}{number % _SLOTS_EACH:02d}"
+    return f"{SYSTEMS[number // _SLOTS_EACH]}{number % _SLOTS_EACH:02d}"
 
 
 def _slot(sv: str, code: str) -> int:
     # an unknown constellation is refused before its slot is checked
-    system = max(_SYSTEMS.find(sv[0]), 0)
+    system = max(SYSTEMS.find(sv[0]), 0)
     return (system * _SLOTS_EACH + int(sv[1:]) % _SLOTS_EACH) * N_BANDS + _band_number(sv, code)
 
 

@@ -33,7 +33,7 @@ ENGINEERING_RATIO: Final = 0.076
 _APERTURES: Final = (2.0 * math.pi, math.pi)
 _NODES: Final = 96  # of the integral over the angle: to 1e-10 of the variance
 _REACH: Final = 10.0  # sigmas of a strong signal's angle, beyond which nothing is left
-_TIME_ADVICE: Final = "give the coherent accumulation in seconds, such as 0.01"
+TIME_ADVICE: Final = "give the coherent accumulation in seconds, such as 0.01"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def equivalent_noise(
     x = positive("inverse_cn0_s", inverse_cn0_s, "the density over the power is above zero")
     if kind.type == 1:
         return x
-    T = positive("accumulation_s", accumulation_s, _TIME_ADVICE)
+    T = positive("accumulation_s", accumulation_s, TIME_ADVICE)
     return np.asarray(x * (1.0 + x / (2.0 * T)))
 
 
@@ -127,7 +127,7 @@ def inverse_cn0(kind: Discriminator, noise: npt.ArrayLike, accumulation_s: npt.A
     S_n = positive("noise", noise, "a one-sided density in rad^2/Hz is above zero")
     if kind.type == 1:
         return S_n
-    T = positive("accumulation_s", accumulation_s, _TIME_ADVICE)
+    T = positive("accumulation_s", accumulation_s, TIME_ADVICE)
     return np.asarray(2.0 * S_n / (np.sqrt(1.0 + 2.0 * S_n / T) + 1.0))
 
 
@@ -161,7 +161,7 @@ def true_noise(kind: Discriminator, inverse_cn0_s: npt.ArrayLike, accumulation_s
     13 % at 3, 35 % at 1.5.
     """
     x = positive("inverse_cn0_s", inverse_cn0_s, "the density over the power is above zero")
-    T = positive("accumulation_s", accumulation_s, _TIME_ADVICE)
+    T = positive("accumulation_s", accumulation_s, TIME_ADVICE)
     rho = T / x
     variance = np.asarray(0.5 / rho)
     if kind.name == I_Q.name:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
 from insgnss.interference.trade_off_diagram import diagram, trade_off
-from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.matplotlib_figure import PAPER_COLOURS, new_figure
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 # Which values figures 5 and 6 carry is not in the paper's text: these reach from a crystal to an oven oscillator
 TYPE_1_MARGINS_DB: Final = (35.0, 40.0, 45.0, 50.0, 55.0)
 TYPE_2_MARGINS_DB: Final = (30.0, 35.0, 40.0, 42.0, 45.0)
-_COLOURS: Final = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#8c510a")
 _POINTS: Final = 200
 
 
@@ -35,7 +34,7 @@ def margin_figure(
     upper = figure.add_subplot(2, 1, 1)
     lower = figure.add_subplot(2, 1, 2, sharex=upper)
     S = np.logspace(-2.0, 6.0, _POINTS)
-    for colour, (name, loop) in zip(_COLOURS, loops.items(), strict=False):
+    for colour, (name, loop) in zip(PAPER_COLOURS, loops.items(), strict=False):
         upper.semilogx(S, margin_db(S, loop), color=colour, label=name)
         if cn0_dbhz is not None:
             noisy = margin_db(S, loop, cn0_dbhz)
@@ -60,7 +59,7 @@ def diagram_figure(loops: Mapping[str, PhaseLoop], carrier_hz: float) -> Figure:
     left = figure.add_subplot()
     margins = np.linspace(25.0, 60.0, _POINTS)
     ratio = 1.0
-    for colour, (name, loop) in zip(_COLOURS, loops.items(), strict=False):
+    for colour, (name, loop) in zip(PAPER_COLOURS, loops.items(), strict=False):
         lines = diagram(margins, loop, carrier_hz)
         left.semilogy(margins, lines.c_ins, color=colour, label=name)
         ratio = float(lines.c_osc[0] / lines.c_ins[0])
@@ -86,7 +85,7 @@ def trade_off_figure(loop: PhaseLoop, carrier_hz: float, margins_db: Sequence[fl
         margins_db = TYPE_1_MARGINS_DB if loop.discriminator.type == 1 else TYPE_2_MARGINS_DB
     figure = new_figure(8.0, 5.5)
     axes = figure.add_subplot()
-    for colour, margin in zip(_COLOURS, margins_db, strict=False):
+    for colour, margin in zip(PAPER_COLOURS, margins_db, strict=False):
         line = trade_off(margin, loop, carrier_hz)
         near_the_end = 1.0 - np.logspace(-1.0, -4.0, _POINTS)
         c_ins = line.c_ins * np.concatenate([np.logspace(-5.0, -0.1, _POINTS), near_the_end])
@@ -103,7 +102,7 @@ def threshold_figure(found: Sequence[LockThreshold]) -> Figure:
     """Return the threshold ratio over the mean time to slip, with the bounds of the simulation."""
     figure = new_figure(8.0, 5.5)
     axes = figure.add_subplot()
-    for colour, one in zip(_COLOURS, found, strict=False):
+    for colour, one in zip(PAPER_COLOURS, found, strict=False):
         bounds = np.stack([one.lifetime - one.low, one.high - one.lifetime])
         axes.errorbar(
             one.lifetime, one.level, xerr=bounds, color=colour, marker=".", label=one.discriminator.name

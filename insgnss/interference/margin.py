@@ -22,13 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.interference.checks import finite, positive
-from insgnss.interference.discriminators import Discriminator, equivalent_noise, inverse_cn0
+from insgnss.interference.discriminators import TIME_ADVICE, Discriminator, equivalent_noise, inverse_cn0
 from insgnss.interference.lasting_acceleration import threshold_in_motion
 from insgnss.interference.optimal_loop import noise_bandwidth, threshold_noise
 from insgnss.tables import Float64
 
 _BAND_ADVICE: Final = "give the signal's band in hertz: 1.022e6 between the first zeros of GLONASS ST"
-_TIME_ADVICE: Final = "give the coherent accumulation in seconds, such as 0.01"
 _DB_ADVICE: Final = "give decibels"
 
 
@@ -47,7 +46,7 @@ class PhaseLoop:
 
     def __post_init__(self) -> None:
         positive("bandwidth_hz", self.bandwidth_hz, _BAND_ADVICE)
-        positive("accumulation_s", self.accumulation_s, _TIME_ADVICE)
+        positive("accumulation_s", self.accumulation_s, TIME_ADVICE)
 
 
 def db(ratio: npt.ArrayLike) -> Float64:

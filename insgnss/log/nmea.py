@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_DAY, NS_PER_S
 from insgnss.errors import InputError, TimeError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import utc_to_ns
@@ -38,7 +38,6 @@ _ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
 _FIXES: Final = frozenset("123459")
 _SLOW_MPS: Final = 0.1  # a receiver that states no direction below it stands
 _MOST_MPS: Final = 1e4  # faster than an orbit
-_DAY_NS: Final = 86_400 * NS_PER_S
 
 
 @dataclass
@@ -216,7 +215,7 @@ def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> In
     TimeError : no date anywhere
     """
     clock_ns = np.array([epoch.time_ns for epoch in epochs], np.int64)
-    day = np.concatenate([[0], np.cumsum(np.diff(clock_ns) < -_DAY_NS // 2)]).tolist()
+    day = np.concatenate([[0], np.cumsum(np.diff(clock_ns) < -NS_PER_DAY // 2)]).tolist()
     first = next((k for k, epoch in enumerate(epochs) if epoch.date is not None), 0)
     stated = epochs[first].date or date
     if stated is None:

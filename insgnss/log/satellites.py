@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-SYSTEMS: Final = "GRECJIS"  # GPS, GLONASS, Galileo, BeiDou, QZSS, NavIC, SBAS: letters of RINEX 3
+from insgnss.constants import SYSTEMS
+
 MAX_NUMBER: Final = {"G": 63, "R": 32, "E": 50, "C": 63, "J": 10, "I": 14, "S": 58}
 # A GLONASS satellite that a log knows by its frequency channel alone is R50 + channel, R43 to R56
 CHANNEL_NAME_ZERO: Final = 50

@@ -12,6 +12,7 @@ from insgnss.results.saving import saving_file, writing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PAPER_COLOURS: Final = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#8c510a")  # of figures after a paper's
 MOST_LABELS: Final = 40  # satellites that an axis names
 
 

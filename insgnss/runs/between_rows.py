@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.errors import ResultError
-from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
+from insgnss.filter.smoothing.body_points import QUATERNION, attitudes_of, local_levels_of, places_of
 from insgnss.runs.datum import GPS_WEEK
 from insgnss.runs.wanted_times import WANTED, about, week_seconds
 from insgnss.tables import Bool, Float64, Int64
@@ -37,7 +37,6 @@ _SHARE_POSITION: Final = 1.0 / 64.0
 _PLACE: Final = ("lat_deg", "lon_deg", "h_m")
 _VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
 _ATTITUDE: Final = ("roll_deg", "pitch_deg", "yaw_deg")
-_QUATERNION: Final = ("q_nb_w", "q_nb_x", "q_nb_y", "q_nb_z")
 _SD_PLACE: Final = ("n_m", "e_m", "d_m")
 _NAMED: Final = 3  # of the refused times
 _TOLERANCE_S: Final = 1e-6
@@ -155,8 +154,8 @@ def _filled_in(
     C_now = places_of(found[list(_PLACE)].to_numpy())[1]
     C_nb = Rotation.from_matrix(C_now) * Rotation.from_rotvec(u * turn) * C_eb[before]
     found[list(_ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
-    if _QUATERNION[0] in nav:
-        found[list(_QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    if QUATERNION[0] in nav:
+        found[list(QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
     steps = (C_eb[1:] * C_eb[:-1].inv()).as_rotvec(degrees=True) if len(nav) > 1 else np.zeros((0, 3))
     lost[:, 0] = _SHARE * _changes(t, steps)[before] * span
     _widen(found, [f"sd_{name}" for name in _ATTITUDE], u, lost[:, 0])

@@ -20,7 +20,7 @@ from insgnss.config.sensors import Barometer
 from insgnss.filter.layout import GaussMarkov, RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.sensors.body_motion import cross
+from insgnss.geodesy.vectors import cross_product
 from insgnss.sensors.readings import Reading
 from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 
@@ -51,7 +51,7 @@ class BarometerMeasurement(SensorMeasurement[Barometer]):
         predicted = (1.0 + scale) * height + self.value_of(state, "offset")
         partials: dict[str, npt.ArrayLike] = {
             "position": (1.0 + scale) * up,
-            "attitude": (1.0 + scale) * cross(arm_e, up),
+            "attitude": (1.0 + scale) * cross_product(arm_e, up),
             f"{self.name}_offset": 1.0,
             # not the altitude that was measured, whose noise is in the innovation too
             f"{self.name}_scale": height,

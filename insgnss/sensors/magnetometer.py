@@ -25,7 +25,7 @@ from insgnss.config.sensors import Magnetometer
 from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.sensors.body_motion import cross
+from insgnss.geodesy.vectors import cross_product
 from insgnss.sensors.readings import Reading
 from insgnss.sensors.sensor_measurement import SensorMeasurement, weighted
 from insgnss.tables import Float64
@@ -69,7 +69,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
             direction_e: Float64, of_strength: float, of_declination: float
         ) -> dict[str, npt.ArrayLike]:
             return {
-                "attitude": -cross(field_e, direction_e),
+                "attitude": -cross_product(field_e, direction_e),
                 f"{name}_iron": state.C_eb.T @ direction_e,
                 f"{name}_strength": of_strength,
                 f"{name}_declination": of_declination,

@@ -23,7 +23,8 @@ from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.rotations import cross_matrix
-from insgnss.sensors.body_motion import cross, velocity_of
+from insgnss.geodesy.vectors import cross_product
+from insgnss.sensors.body_motion import velocity_of
 from insgnss.sensors.readings import Reading
 from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 from insgnss.units import SQRT_S_PER_SQRT_H
@@ -58,8 +59,8 @@ class OdometerMeasurement(SensorMeasurement[Odometer]):
         partials: dict[str, npt.ArrayLike] = {
             "velocity": gain * forward_e,
             # forward turns with the body against v_e; the turn of the lever about the IMU turns with it
-            "attitude": gain * cross(forward_e, v_e - turning),
-            "gyro_bias": -gain * cross(lever, np.array([1.0, 0.0, 0.0])),
+            "attitude": gain * cross_product(forward_e, v_e - turning),
+            "gyro_bias": -gain * cross_product(lever, np.array([1.0, 0.0, 0.0])),
             f"{self.name}_scale": sign * speed,
         }
         v_imu = v_e - turning

@@ -18,7 +18,8 @@ from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
-from insgnss.sensors.body_motion import cross, velocity_of
+from insgnss.geodesy.vectors import cross_product
+from insgnss.sensors.body_motion import velocity_of
 from insgnss.sensors.readings import Reading
 from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 from insgnss.tables import Float64
@@ -43,7 +44,13 @@ class PositionMeasurement(SensorMeasurement[PositionSensor]):
         sigma = sigma_or(reading.sigma, self.config.sigma_m or _UNKNOWN)
         axes = [k for k in range(3) if k < 2 or self.config.columns.position[2] != "none"]
         return [
-            _row(apart_n[k], sigma[k], reading, position=state.C_ne[k], attitude=cross(arm_e, state.C_ne[k]))
+            _row(
+                apart_n[k],
+                sigma[k],
+                reading,
+                position=state.C_ne[k],
+                attitude=cross_product(arm_e, state.C_ne[k]),
+            )
             for k in axes
         ]
 
@@ -65,9 +72,9 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
             _row(
                 *(apart_n[k], sigma[k], reading),
                 velocity=state.C_ne[k],
-                attitude=cross(turning, state.C_ne[k]),
+                attitude=cross_product(turning, state.C_ne[k]),
                 # the rate is the gyro's less its bias, and b . (l x n) = n . (b x l)
-                gyro_bias=-cross(lever_b, state.C_eb.T @ state.C_ne[k]),
+                gyro_bias=-cross_product(lever_b, state.C_eb.T @ state.C_ne[k]),
             )
             for k in self._measured
         ]

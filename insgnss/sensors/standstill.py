@@ -39,7 +39,8 @@ from insgnss.config.vehicle_kind import Standstill, ZeroRateRows, ZeroVelocityRo
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import InertialWindow, StateEstimate
-from insgnss.sensors.body_motion import EARTH_RATE_E, cross
+from insgnss.geodesy.rotations import EARTH_RATE_E
+from insgnss.geodesy.vectors import cross_product
 from insgnss.sensors.ticking import PeriodicMeasurement, correlated
 from insgnss.tables import Float64
 
@@ -149,7 +150,7 @@ class ZeroRate(PeriodicMeasurement):
                 float(innovation[i]),
                 {
                     **{name: by[i] for name, by in grows.items()},
-                    "attitude": cross(state.C_eb[:, i], EARTH_RATE_E),
+                    "attitude": cross_product(state.C_eb[:, i], EARTH_RATE_E),
                 },
                 own + float(noise[i]),
             )

@@ -36,7 +36,9 @@ from insgnss.config.vehicle_kind import CourseRows, NonHolonomicRows, NoseFirst
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.sensors.body_motion import EARTH_RATE_E, cross, mean_rate, rate_eb_b
+from insgnss.geodesy.rotations import EARTH_RATE_E
+from insgnss.geodesy.vectors import cross_product
+from insgnss.sensors.body_motion import mean_rate, rate_eb_b
 from insgnss.sensors.ticking import PeriodicMeasurement, correlated
 from insgnss.tables import Float64
 
@@ -71,7 +73,7 @@ class NonHolonomic(PeriodicMeasurement):
         """Return the lateral and the vertical row."""
         l_b, (pitch, yaw) = self._axle_b, self._mounting(state)
         w, grows = _rate_at_axle(state)
-        u = state.C_eb.T @ state.v_e + cross(w, l_b)
+        u = state.C_eb.T @ state.v_e + cross_product(w, l_b)
         ahead, right, down = vehicle_axes(pitch, yaw)
         # of a = C_vb^T e by pitch and yaw
         right_by = (math.sin(yaw) * down, ahead)
@@ -81,8 +83,8 @@ class NonHolonomic(PeriodicMeasurement):
             a_e = state.C_eb @ a
             partials = {
                 "velocity": a_e,
-                "attitude": cross(a_e, state.v_e),
-                **{name: cross(a, l_b) @ by for name, by in grows.items()},
+                "attitude": cross_product(a_e, state.v_e),
+                **{name: cross_product(a, l_b) @ by for name, by in grows.items()},
             }
             if MOUNTING in layout:
                 partials[MOUNTING] = np.array([float(each @ u) for each in by])

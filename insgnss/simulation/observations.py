@@ -16,6 +16,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.directions import unit_vectors
+from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
@@ -27,7 +28,7 @@ from insgnss.simulation.signal_paths import SignalPaths as SignalPaths
 from insgnss.simulation.signal_paths import antenna_motion as antenna_motion
 from insgnss.simulation.signal_paths import paths_to as paths_to
 from insgnss.simulation.signal_paths import signal_paths as signal_paths
-from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
+from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int8
 
 SYSTEM = "G"  # all simulated satellites are GPS's

@@ -16,13 +16,12 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError
 from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-EARTH_RATE_E: Float64 = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])  # w_ie in e (and i) axes [rad/s]
 SPLINE_DEGREE = 5
 GAUSS_NODES = 5  # exact for polynomials of degree 9 inside one sampling interval
 INTERVALS_AT_ONCE = 20_000  # bounds the memory of the quadrature to about 50 MB

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import optimize, special
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Float64
+from insgnss.tables import Complex, Float64
 
 # steps in which the first crossing is looked for: none of the curves turns within one of them
 _SCAN: Final = 2000
@@ -143,3 +143,14 @@ def wrapped_square(harmonics: Float64, angle: npt.ArrayLike) -> Float64:
     n = np.arange(1.0, len(harmonics) + 1.0)
     terms = 4.0 * (-1.0) ** n / n**2 * harmonics
     return np.asarray(math.pi**2 / 3.0 + np.cos(np.asarray(angle, float)[..., None] * n) @ terms)
+
+
+def angle_fold(kind: str) -> int:
+    """Return how many periods an angle discriminator's output has in a turn: ``atan`` does not feel the data's sign."""
+    return 2 if kind == "atan" else 1
+
+
+def noisy_looks(mean: Complex | Float64, a: float, looks: int, rng: np.random.Generator) -> Complex:
+    """Return simulated correlators, (looks, ...): their means with white noise of variance a in each part."""
+    white = rng.standard_normal((looks, *mean.shape, 2))
+    return np.asarray(mean + math.sqrt(a) * (white[..., 0] + 1j * white[..., 1]), np.complex128)

@@ -12,7 +12,13 @@ from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_positive
 from insgnss.tracking.correlators import frequency_loss
 from insgnss.tracking.discriminator_outputs import FREQUENCY_KINDS, outputs
-from insgnss.tracking.discriminators import phase_harmonics, wrapped_mean, wrapped_square
+from insgnss.tracking.discriminators import (
+    angle_fold,
+    noisy_looks,
+    phase_harmonics,
+    wrapped_mean,
+    wrapped_square,
+)
 
 
 @dataclass(frozen=True)
@@ -53,11 +59,12 @@ class FrequencyDiscriminator:
         power = frequency_loss(w, self.integration_s) ** 2
         if self.kind == "cross":
             return np.asarray(a**2 * power * np.sin(w * self.integration_s))
+        fold = angle_fold(self.kind)
         found = [
-            wrapped_mean(phase_harmonics(0.5 * a * p, self._fold) ** 2, self._fold * x * self.integration_s)
+            wrapped_mean(phase_harmonics(0.5 * a * p, fold) ** 2, fold * x * self.integration_s)
             for x, p in zip(w.ravel(), np.ravel(power), strict=True)
         ]
-        return np.asarray(found, float).reshape(w.shape) / (self._fold * self.integration_s)
+        return np.asarray(found, float).reshape(w.shape) / (fold * self.integration_s)
 
     def variance(self, offset: npt.ArrayLike, a: float) -> Float64:
         """Return the variance of the output at frequency offsets [rad/s].
@@ -68,12 +75,12 @@ class FrequencyDiscriminator:
         power = frequency_loss(w, self.integration_s) ** 2
         if self.kind == "cross":
             return np.asarray(2.0 * a**3 * power + 2.0 * a**2)
-        found = []
+        found, fold = [], angle_fold(self.kind)
         for x, p in zip(w.ravel(), np.ravel(power), strict=True):
-            harmonics = phase_harmonics(0.5 * a * p, self._fold) ** 2
-            angle = self._fold * x * self.integration_s
+            harmonics = phase_harmonics(0.5 * a * p, fold) ** 2
+            angle = fold * x * self.integration_s
             found.append(wrapped_square(harmonics, angle) - wrapped_mean(harmonics, angle) ** 2)
-        return np.asarray(found, float).reshape(w.shape) / (self._fold * self.integration_s) ** 2
+        return np.asarray(found, float).reshape(w.shape) / (fold * self.integration_s) ** 2
 
     def slope(self, a: float) -> float:
         """Return the slope at no offset: of ``cross`` a^2 T [s], of the angles below 1 [-].
@@ -82,7 +89,7 @@ class FrequencyDiscriminator:
         """
         if self.kind == "cross":
             return a**2 * self.integration_s
-        harmonics = phase_harmonics(0.5 * a, self._fold) ** 2
+        harmonics = phase_harmonics(0.5 * a, angle_fold(self.kind)) ** 2
         n = np.arange(1, len(harmonics) + 1)
         return float(np.sum(-2.0 * (-1.0) ** n * harmonics))
 
@@ -92,11 +99,4 @@ class FrequencyDiscriminator:
         size = a * frequency_loss(w, self.integration_s)
         turn = np.exp(0.5j * w * self.integration_s)
         mean = np.stack([size / turn, size * turn], axis=-1)
-        white = rng.standard_normal((looks, *mean.shape, 2))
-        return self.output(
-            np.asarray(mean + math.sqrt(a) * (white[..., 0] + 1j * white[..., 1]), np.complex128)
-        )
-
-    @property
-    def _fold(self) -> int:
-        return 2 if self.kind == "atan" else 1
+        return self.output(noisy_looks(mean, a, looks, rng))

@@ -16,7 +16,13 @@ from scipy import special
 from insgnss.tables import Complex, Float64
 from insgnss.tracking.admissible import require_known, require_within
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS, outputs
-from insgnss.tracking.discriminators import phase_harmonics, wrapped_mean, wrapped_square
+from insgnss.tracking.discriminators import (
+    angle_fold,
+    noisy_looks,
+    phase_harmonics,
+    wrapped_mean,
+    wrapped_square,
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ class PhaseDiscriminator:
             return np.asarray(m * np.sin(e))
         if self.kind == "sign":
             return np.asarray(self._sign_mean(e, a) * m * np.sin(e))
-        return wrapped_mean(self._harmonics(a), self._fold * e) / self._fold
+        return wrapped_mean(self._harmonics(a), angle_fold(self.kind) * e) / angle_fold(self.kind)
 
     def variance(self, offset: npt.ArrayLike, a: float) -> Float64:
         """Return the variance of the output at phase offsets [rad].
@@ -72,9 +78,9 @@ class PhaseDiscriminator:
             return np.asarray(np.full(e.shape, a))
         if self.kind == "sign":
             return np.asarray(a + (m * np.sin(e)) ** 2 * (1.0 - self._sign_mean(e, a) ** 2))
-        harmonics, angle = self._harmonics(a), self._fold * e
+        harmonics, angle = self._harmonics(a), angle_fold(self.kind) * e
         spread = wrapped_square(harmonics, angle) - wrapped_mean(harmonics, angle) ** 2
-        return np.asarray(spread / self._fold**2)
+        return np.asarray(spread / angle_fold(self.kind) ** 2)
 
     def slope(self, a: float) -> float:
         """Return the slope at no offset [1/rad].
@@ -96,17 +102,10 @@ class PhaseDiscriminator:
     def draw(self, offset: npt.ArrayLike, a: float, looks: int, rng: np.random.Generator) -> Float64:
         """Return simulated outputs, (looks, ...)."""
         mean = a * math.sqrt(self.loss) * np.exp(1j * np.asarray(offset, float))
-        white = rng.standard_normal((looks, *mean.shape, 2))
-        return self.output(
-            np.asarray(mean + math.sqrt(a) * (white[..., 0] + 1j * white[..., 1]), np.complex128)
-        )
-
-    @property
-    def _fold(self) -> int:
-        return 2 if self.kind == "atan" else 1
+        return self.output(noisy_looks(mean, a, looks, rng))
 
     def _harmonics(self, a: float) -> Float64:
-        return phase_harmonics(0.5 * a * self.loss, self._fold)
+        return phase_harmonics(0.5 * a * self.loss, angle_fold(self.kind))
 
     def _sign_mean(self, e: Float64, a: float) -> Float64:
         return np.asarray(special.erf(math.sqrt(0.5 * a * self.loss) * np.cos(e)))

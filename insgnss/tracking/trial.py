@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.errors import ConfigError
-from insgnss.tables import Complex, Float64, Int8
+from insgnss.tables import Complex, Int8, rms
 from insgnss.tracking.admissible import require_not_negative, seeded, signal_ratio
 from insgnss.tracking.aided_loop import perfect_aid
 from insgnss.tracking.channels import (
@@ -145,18 +145,14 @@ def assess(simulation: ChannelSimulation, history: ChannelHistory) -> Assessment
     return Assessment(
         len(slipped),
         int(slipped.sum()),
-        _rms(history.phase_error_rad[kept]),
+        rms(history.phase_error_rad[kept]),
         math.sqrt(design.carrier.prediction_covariance(noise)[0, 0]),
-        _rms(history.rate_error_radps[kept]),
-        _rms(history.delay_error_chips[kept]),
+        rms(history.rate_error_radps[kept]),
+        rms(history.delay_error_chips[kept]),
         math.sqrt(design.code.prediction_covariance(equivalent_variance(delay, a))[0, 0]),
         _mean_lock(prompt, block),
         *_estimates(prompt, T, block),
     )
-
-
-def _rms(values: Float64) -> float:
-    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
 
 
 def _block(simulation: ChannelSimulation) -> int:

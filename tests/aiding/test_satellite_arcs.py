@@ -11,7 +11,7 @@ from insgnss.aiding.satellite_arcs import (
     PIECE_NS,
     SatelliteArcs,
     broadcast_arcs,
-    earth_turn,
+    earth_turn_matrix,
     elevations,
     precise_arcs,
 )
@@ -38,7 +38,7 @@ def states_of(arcs: SatelliteArcs, satellite: int, t_ns: int) -> Float64:
         c[:, 1:] @ (k[1:] * t ** k[:-1]),
         c[:, 2:] @ (k[2:] * k[1:-1] * t ** k[:-2]),
     )
-    back = earth_turn(t).T
+    back = earth_turn_matrix(t).T
     r_e, V, A = back @ r[:3], back @ v[:3], back @ a[:3]
     w = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
     v_e = V - np.cross(w, r_e)

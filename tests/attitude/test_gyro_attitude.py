@@ -18,11 +18,10 @@ from insgnss.attitude.gyro_attitude import (
 )
 from insgnss.attitude.gyro_motion import advance
 from insgnss.attitude.gyro_trial import History, Swing, Trial
-from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector
 from insgnss.config.library import imu_grade
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError
-from insgnss.geodesy.rotations import quaternion_to_matrix
+from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_matrix, rotation_vector
 from tests.attitude.arrays import eight
 from tests.jacobian import finite_difference_jacobian
 from tests.statistics_bounds import assert_mean_chi_square

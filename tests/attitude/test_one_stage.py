@@ -14,8 +14,8 @@ from insgnss.attitude.baselines import attitude_matrices, difference_covariance,
 from insgnss.attitude.correlator_bank import draw_correlators, phase_variances, signal_ratios
 from insgnss.attitude.gyro_trial import Swing
 from insgnss.attitude.one_stage import ANGLE, OneStage, lock_range, recovery_curve
-from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector, to_euler
 from insgnss.errors import ConfigError, GeometryError
+from insgnss.geodesy.rotations import rotation_matrix, rotation_vector, to_euler
 from tests.attitude.arrays import eight, mixed
 from tests.statistics_bounds import assert_mean_chi_square, nees
 

@@ -18,10 +18,10 @@ from insgnss.attitude.baselines import (
     wrapped,
 )
 from insgnss.attitude.integer_search import nearest_integers
-from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector
 from insgnss.attitude.two_stage import Epoch, equivalent_orders, is_turned_over, solve
 from insgnss.attitude.wahba_problem import wahba
 from insgnss.errors import ConfigError, GeometryError
+from insgnss.geodesy.rotations import rotation_matrix, rotation_vector
 from tests.attitude.arrays import eight, four_antennas, mixed
 from tests.statistics_bounds import assert_mean_chi_square, nees
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from insgnss.antenna.equipment import limits_of
 from insgnss.attitude.baselines import attitude_matrices
-from insgnss.attitude.small_rotation import rotation_matrix
+from insgnss.attitude.cycle_search import clock_columns
 from insgnss.filter.antennas.rows import (
     Antennas,
     Differences,
@@ -25,6 +25,7 @@ from insgnss.filter.antennas.rows import (
 )
 from insgnss.filter.antennas.visibility import AntennaMasking, hidden_reasons
 from insgnss.filter.state import PSI
+from insgnss.geodesy.rotations import rotation_matrix
 from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.status import MASKED_GAIN, USED
@@ -134,7 +135,7 @@ def test_whitened_rows_hold_the_information_of_the_correlated_ones(separate: boo
 
     rows, rest = whitened(d, H, y, 3.0)
 
-    W, B = np.linalg.inv(d.white + 3.0 * d.slow), d.clocks()
+    W, B = np.linalg.inv(d.white + 3.0 * d.slow), clock_columns(d.clock)
     if separate:
         W = W - W @ B @ np.linalg.inv(B.T @ W @ B) @ B.T @ W
     assert len(rows) == len(H) - B.shape[1]

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.attitude.cycle_search import clock_columns
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.memory import Key
@@ -84,11 +85,6 @@ class Differences:
             *(self.white[square], self.slow[square]),
             *(self.clock[kept], self.names),
         )
-
-    def clocks(self) -> Float64:
-        """Return which clock difference is in which row, (R, clocks)."""
-        numbers = np.unique(self.clock[self.clock >= 0])
-        return np.asarray(self.clock[:, None] == numbers, np.float64)
 
 
 def directions(sat: Float64, r_e: Float64) -> Float64:
@@ -229,7 +225,7 @@ def attitude_rows(d: Differences, l_b: Float64, C_eb: Float64) -> Float64:
 
 def without_clocks(d: Differences, trusted: Bool) -> Float64:
     """Return M, (R, R): M y are the differences less each clock by the ``trusted`` ones."""
-    B = d.clocks()
+    B = clock_columns(d.clock)
     if not B.shape[1]:
         return np.eye(len(d.b))
     weight = B.T * np.where(trusted, 1.0 / np.diag(d.white + d.slow), 0.0)
@@ -247,7 +243,7 @@ def whitened(d: Differences, H: Float64, y: Float64, spread: float) -> tuple[Flo
     spread : by how much the reflections' variance counts more than one epoch's own
     """
     L = np.linalg.cholesky(d.white + spread * d.slow)
-    rows = np.linalg.solve(L, np.column_stack([H, y, d.clocks()]))
+    rows = np.linalg.solve(L, np.column_stack([H, y, clock_columns(d.clock)]))
     B = rows[:, 4:]
     if B.shape[1]:
         Q = np.linalg.qr(B, mode="complete")[0][:, B.shape[1] :]

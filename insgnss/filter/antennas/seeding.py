@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 
 from insgnss.attitude.cycle_search import Prior
-from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.filter.antennas.rows import Antennas, Differences, wind_up
 from insgnss.filter.headings.heading_bank import set_attitude
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, select_members
 from insgnss.geodesy.local_level import level_axes
-from insgnss.geodesy.rotations import cross_matrix
+from insgnss.geodesy.rotations import cross_matrix, rotation_matrix
 from insgnss.tables import Float64
 
 _LEVEL_FLOOR_RAD: Final = math.radians(0.3)  # what levelling may be wrong by beyond the filter's sigma

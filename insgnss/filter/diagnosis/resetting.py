@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout import Layout
 from insgnss.filter.rows.clock_offsets import place_clocks
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
@@ -14,7 +13,7 @@ from insgnss.filter.state import BA, BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.filter.states.range_biases import RANGE_BIASES
-from insgnss.geodesy.rotations import cross_matrix
+from insgnss.geodesy.rotations import EARTH_RATE_E, cross_matrix
 from insgnss.gnss.least_squares import CLOCKS
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
@@ -59,8 +58,7 @@ def reset_kinematics(
     variance = variances[np.argmax(np.isfinite(fix.clocks))] + beyond2
     place_clocks(m, P, fix.clocks, variance, variances + 2.0 * variance, inter_system_sigma_m)
     if fix.v_a is not None:
-        earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
-        m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)
+        m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(EARTH_RATE_E, l_e)
         of_lever = attitude * float(turning @ turning)
         P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + (_RESET_VELOCITY_FLOOR_MPS**2 + of_lever) * np.eye(3)
         m.clock[1] = fix.drift

@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.headings.headings import (
     heading_variance,
     is_prunable,
@@ -34,7 +33,13 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.geodesy.local_level import level_axes, up_direction
-from insgnss.geodesy.rotations import cross_matrix, matrix_to_euler, matrix_to_quaternion
+from insgnss.geodesy.rotations import (
+    EARTH_RATE_E,
+    cross_matrix,
+    matrix_to_euler,
+    matrix_to_quaternion,
+    rotation_vector,
+)
 from insgnss.tables import Float64
 
 _WIDE: Final = 1.2  # sigmas of a window
@@ -136,14 +141,6 @@ def rotation(psi: Float64) -> Float64:
     return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K)
 
 
-def rotation_vector(C: Float64) -> Float64:
-    """Return the rotation vector (3,) [rad] of a rotation matrix, of a length below 180 deg."""
-    q = np.zeros(4)
-    matrix_to_quaternion(np.ascontiguousarray(C), q)
-    sine = float(np.linalg.norm(q[1:]))
-    return np.asarray(q[1:] * (2.0 * math.atan2(sine, q[0]) / sine)) if sine > 0.0 else np.zeros(3)
-
-
 def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: Layout) -> Bank:
     """Return the bank with wide members replaced by members of ``n_headings`` around the circle.
 
@@ -220,7 +217,7 @@ def turn_member(
     g = P @ u / variance
     P -= np.outer(g, g) * (variance - sigma**2)
     C_before, R = m.C_eb.copy(), rotation(turn * up)
-    l_e, rate = C_before @ lever_of(m, lever_b, layout), np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+    l_e, rate = C_before @ lever_of(m, lever_b, layout), EARTH_RATE_E
     antenna, apparent = m.r_e + l_e, m.b_g + C_before.T @ rate
     d = g * turn
     antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e) + C_before @ J @ d
@@ -247,7 +244,7 @@ def turned_axes(n: int, R: Float64, C_eb: Float64, l_e: Float64) -> Float64:
     ----------
     C_eb, l_e : attitude and lever arm (3,) [m], ECEF, before the turn
     """
-    rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+    rate = EARTH_RATE_E
     T = np.eye(n)
     T[PSI : PSI + 3, PSI : PSI + 3] = R
     T[DR : DR + 3, PSI : PSI + 3] = cross_matrix(R @ l_e) @ R - cross_matrix(l_e)

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.constants import NS_PER_S
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.output.nav_sigmas import level_turn
 from insgnss.filter.output.total_sigmas import slow_covariances
@@ -27,11 +27,10 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import BG, DR, DV, PSI
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
+from insgnss.geodesy.rotations import EARTH_RATE_E, cross_matrix, euler_to_matrix, matrix_to_quaternion
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
-_W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 _PAIRS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _AXES: Final = "ned"
 _VELOCITY: Final = slice(NAV_COLUMNS.index("vn_mps"), NAV_COLUMNS.index("vd_mps") + 1)
@@ -192,15 +191,15 @@ def _of_point(
     C_en = row.C_ne.transpose(0, 2, 1)
     C_eb = C_en @ row.C_nb
     l_e, swung = C_eb @ l_b, _turned(C_eb, np.cross(w_ib_b, l_b))
-    v_e = _turned(C_en, v_n) + swung - np.cross(_W_IE, l_e)
+    v_e = _turned(C_en, v_n) + swung - np.cross(EARTH_RATE_E, l_e)
     geodetic, C_ne, T = np.zeros((m, 3)), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
     place_points(row.r_e + l_e, geodetic, C_ne, T)
     v_n = _turned(C_ne, v_e)
     J = np.zeros((m, 6, _N))
     J[:, :, : DV + 3] = np.eye(6)
-    J[:, :3, PSI : PSI + 3] = -cross_matrices(l_e)
-    J[:, 3:, PSI : PSI + 3] = cross_matrices(_W_IE) @ cross_matrices(l_e) - cross_matrices(swung)
-    J[:, 3:, BG : BG + 3] = C_eb @ cross_matrices(l_b)
+    J[:, :3, PSI : PSI + 3] = -cross_matrix(l_e)
+    J[:, 3:, PSI : PSI + 3] = cross_matrix(EARTH_RATE_E) @ cross_matrix(l_e) - cross_matrix(swung)
+    J[:, 3:, BG : BG + 3] = C_eb @ cross_matrix(l_b)
     of_position, of_velocity = _level_errors(J, C_ne, T, v_n)
     by_rate = C_ne @ J[:, 3:, BG : BG + 3]
     position, velocity = _covariance(of_position, P), _covariance(of_velocity, P)
@@ -214,7 +213,7 @@ def _level_errors(J: Float64, C_ne: Float64, T: Float64, v_n: Float64) -> tuple[
 
     ``J`` (m, 6, 15) maps them to ECEF.
     """
-    return C_ne @ J[:, :3], C_ne @ J[:, 3:] + cross_matrices(v_n) @ T @ J[:, :3]
+    return C_ne @ J[:, :3], C_ne @ J[:, 3:] + cross_matrix(v_n) @ T @ J[:, :3]
 
 
 def _covariance(J: Float64, P: Float64) -> Float64:
@@ -229,13 +228,6 @@ def _turned(C: Float64, v: Float64) -> Float64:
 def _upper(C: Float64) -> Float64:
     """Return the six different elements of symmetric matrices (m, 3, 3), row by row (m, 6)."""
     return np.column_stack([C[:, i, j] for i, j in _PAIRS])
-
-
-def cross_matrices(v: Float64) -> Float64:
-    """Return [v x] (..., 3, 3) of vectors (..., 3)."""
-    x, y, z = np.moveaxis(v, -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([np.stack(row, axis=-1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))], axis=-2)
 
 
 @kernel

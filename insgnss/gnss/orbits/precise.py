@@ -29,11 +29,12 @@ from insgnss.gnss.orbits.satellite_state import (
     SatelliteStates,
     flight_times,
     leave_out_impossible,
+    no_states,
     satellite_states,
 )
 from insgnss.gnss.phase_centre import SatelliteAntennas, phase_centre_offsets
 from insgnss.gnss.signals import signal_of
-from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNKNOWN_SIGNAL, USED
+from insgnss.status import STALE_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import Bool, EphemerisTable, Float64, GnssTable, Int64, PreciseProducts
 
 N_NODES: Final = 11
@@ -81,14 +82,7 @@ def precise_states(
     antennas : phase-centre offsets; none: the products' positions are taken for those of the antennas
     """
     n = len(gnss.t_ns)
-    states = SatelliteStates(
-        sat=np.full((n, 9), math.nan),
-        clock_m=np.full(n, math.nan),
-        drift_mps=np.full(n, math.nan),
-        age_s=np.full(n, math.nan),
-        status=np.full(n, NO_EPHEMERIS, np.uint8),
-        message=np.full(n, -1, np.int64),
-    )
+    states = no_states(n)
     tau = np.empty(n)
     t_ns = np.require(gnss.t_ns, np.int64, ("C", "W"))
     flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS, NS_PER_MS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
+from insgnss.constants import C_MPS, NS_PER_DAY, NS_PER_MS, NS_PER_S, NS_PER_WEEK
 from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
 from insgnss.log.android.clock import ReceiverClock, corrected_by_satellites, receiver_clock
 from insgnss.log.android.lines import AndroidCells
@@ -36,7 +36,6 @@ _LOCKED: Final = CODE_LOCK | GAL_E1BC_CODE_LOCK | GAL_E1C_2ND_CODE_LOCK | SECOND
 ADR_VALID, ADR_RESET, ADR_CYCLE_SLIP, ADR_HALF_CYCLE_RESOLVED, ADR_HALF_CYCLE_REPORTED = 1, 2, 4, 8, 16
 
 SHORTEST_NS, LONGEST_NS = 1e6, 5e8  # of a travel time with a clock that is off: 300 km to half a second
-_DAY_NS: Final = S_PER_DAY * NS_PER_S
 # In what the time of transmission counts where only that was found: state, systems, period; the longest first
 _PERIODS: Final = (
     (SUBFRAME_SYNC, "GJCI", 6000 * NS_PER_MS),
@@ -188,7 +187,7 @@ def _periods(raw: AndroidCells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bo
     whole = np.where(
         system == "R", state & (GLO_TOD_DECODED | GLO_TOD_KNOWN), state & (TOW_DECODED | TOW_KNOWN)
     )
-    period = np.where(whole != 0, np.where(system == "R", _DAY_NS, NS_PER_WEEK), 0)
+    period = np.where(whole != 0, np.where(system == "R", NS_PER_DAY, NS_PER_WEEK), 0)
     for bit, systems, length in _PERIODS:
         found = (period == 0) & (state & bit != 0) & np.isin(system, list(systems))
         period[found] = length

@@ -22,7 +22,7 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.stretches import GNSS_GAP_STEPS
-from insgnss.log.imu.time import GAP_MIN_S, GAP_STEPS
+from insgnss.log.imu.time import GAP_MIN_S, IMU_GAP_STEPS
 from insgnss.log.imu.windows import imu_windows
 from insgnss.tables import ImuTable, Int64
 from insgnss.units import MPS2_PER_MG, RAD_PER_DEG, S_PER_H, SQRT_S_PER_SQRT_H
@@ -59,7 +59,7 @@ def gap_findings(imu: ImuTable | None, gnss_ns: Int64, grade: ImuGrade, week: in
     findings = []
     if imu is not None:
         step_ns = np.diff(imu.t_ns)
-        limit = max(GAP_STEPS * float(np.median(step_ns)), GAP_MIN_S * NS_PER_S)
+        limit = max(IMU_GAP_STEPS * float(np.median(step_ns)), GAP_MIN_S * NS_PER_S)
         unknown = _unknown_motion(imu)
         for start, length_s in _longest(imu.t_ns, limit):
             sd_v, sd_r = unknown * length_s, 0.5 * unknown * length_s**2

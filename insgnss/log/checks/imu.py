@@ -10,7 +10,7 @@ from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
-from insgnss.log.imu.time import GAP_STEPS
+from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.log.imu.windows import ImuWindows, imu_windows
 from insgnss.tables import Bool, Float64, ImuTable, Int64
 
@@ -50,7 +50,7 @@ def imu_findings(
     """
     step_s = np.diff(imu.t_ns) / NS_PER_S
     median_s = float(np.median(step_s))
-    mean_s = float(step_s[step_s < GAP_STEPS * median_s].mean())
+    mean_s = float(step_s[step_s < IMU_GAP_STEPS * median_s].mean())
     first, last = ns_to_week_seconds(imu.t_ns[[0, -1]], week)
     findings = [
         Finding(

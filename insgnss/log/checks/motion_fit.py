@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.geodesy.vectors import cross_product
 from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, lag_of
 from insgnss.tables import Float64
 
@@ -95,17 +96,8 @@ def _times(p: Float64, q: Float64) -> Float64:
 
 def rotate(q: Float64, v: Float64) -> Float64:
     """Return vectors turned by quaternions: v + 2 q0 (qv x v) + 2 qv x (qv x v)."""
-    cross = 2.0 * _cross(q[..., 1:], v)
-    return np.asarray(v + q[..., :1] * cross + _cross(q[..., 1:], cross))
-
-
-def _cross(a: Float64, b: Float64) -> Float64:
-    """Return a x b along the last axis, without the copies that NumPy's own makes."""
-    cross = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    cross[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    cross[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    cross[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return cross
+    cross = 2.0 * cross_product(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * cross + cross_product(q[..., 1:], cross))
 
 
 def at_times(values: Float64, start_s: float, t_s: Float64) -> Float64:

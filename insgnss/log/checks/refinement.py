@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import SIGMA_PER_MEDIAN
+from insgnss.geodesy.rotations import cross_matrix
 from insgnss.log.checks.motion_fit import MODEL_SIGMA_MPS, Path, at_times, best_rotation, integrate, rotate
 from insgnss.log.checks.stretches import SPACING_S, STEP_S, GnssStretch, InertialGrid
 from insgnss.tables import Float64
@@ -127,8 +128,8 @@ def _rows(
     rows[:, :, TAU] = -force @ Q.T
     rows[:, :, BIAS_A] = -Q @ B
     rows[:, :, BIAS_G] = Q @ D
-    rows[:, :, LEVER] = Q @ C @ _cross_matrix(rate)
-    rows[:, :, N_COMMON : N_COMMON + 3] = -_cross_matrix(centred @ Q.T)
+    rows[:, :, LEVER] = Q @ C @ cross_matrix(rate)
+    rows[:, :, N_COMMON : N_COMMON + 3] = -cross_matrix(centred @ Q.T)
     rows[:, :, N_COMMON + 3 :] = np.eye(3)
     residual = seen - centred @ Q.T
     return rows.reshape(3 * k, -1), residual.ravel()
@@ -143,7 +144,7 @@ def _node_values(grid: InertialGrid, path: Path, i: int) -> Float64:
     B = np.cumsum(C, axis=0) * STEP_S
     middle = n // 2
     B -= B[middle]  # biases turn and push from the middle on: better conditioned, and s_0 takes the rest
-    D = np.cumsum(_cross_matrix(force) @ B, axis=0) * STEP_S
+    D = np.cumsum(cross_matrix(force) @ B, axis=0) * STEP_S
     D -= D[middle]
     over = max(1, round(RATE_OVER_S / STEP_S))
     padded = np.concatenate((grid.theta[i], grid.theta[i, -1:])) / STEP_S
@@ -151,10 +152,3 @@ def _node_values(grid: InertialGrid, path: Path, i: int) -> Float64:
     w = np.stack([np.convolve(padded[:, axis], kernel, mode="same") for axis in range(3)], axis=1)
     flat = [part.reshape(n, 9) for part in (B, D, C)]
     return np.concatenate((gained, force, *flat, w), axis=1)
-
-
-def _cross_matrix(v: Float64) -> Float64:
-    """Return [v x] of each of (k, 3) vectors, (k, 3, 3)."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=1).reshape(-1, 3, 3)

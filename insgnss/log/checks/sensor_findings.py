@@ -22,7 +22,7 @@ from insgnss.log.checks.report import Finding, Severity, from_events
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
-from insgnss.log.imu.time import GAP_STEPS
+from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.tables import Float64, ImuTable, SensorTable
 from insgnss.units import SI_PER_UNIT
 
@@ -137,7 +137,7 @@ def _rate(config: Sensor, table: SensorTable) -> Finding:
     step_s = np.diff(table.t_ns) / NS_PER_S
     usual, longest = float(np.median(step_s)), float(step_s.max())
     text += f" at {1.0 / usual:.3g} Hz, longest gap {longest:.3g} s"
-    severity: Severity = "warning" if longest > max(GAP_STEPS * usual, 1.0) else "ok"
+    severity: Severity = "warning" if longest > max(IMU_GAP_STEPS * usual, 1.0) else "ok"
     return Finding(severity, config.label, text)
 
 

@@ -13,7 +13,7 @@ from insgnss.errors import TimeError
 from insgnss.log.first_events import shortened
 from insgnss.tables import Event, Int64, stretches_of
 
-GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
+IMU_GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
 GAP_MIN_S: Final = 0.05  # ... if it is also longer than this: shorter ones are jitter, which the tags carry
 STRAY_SAMPLES: Final = 5  # up to this many wrong tags in a row count as damage; more mean a clock error
 STRAY_SHARE: Final = 0.1  # at an end, at most this part of the log counts as stray
@@ -61,7 +61,7 @@ def _stray_ends(t_ns: Int64) -> Int64:
     at_ends = np.concatenate((np.diff(t_ns[: few + 1]), np.diff(t_ns[n - few - 1 :])))
     if not few or int(at_ends.max()) <= SET_BACK_S * NS_PER_S:
         return np.zeros(0, np.int64)
-    long = at_ends > max(SET_BACK_S * NS_PER_S, GAP_STEPS * float(np.median(np.diff(t_ns))))
+    long = at_ends > max(SET_BACK_S * NS_PER_S, IMU_GAP_STEPS * float(np.median(np.diff(t_ns))))
     head, tail = np.flatnonzero(long[:few]), np.flatnonzero(long[few:])
     n_head = int(head[-1]) + 1 if len(head) else 0
     n_tail = few - int(tail[0]) if len(tail) else 0
@@ -145,7 +145,7 @@ def _refusal(t_ns: Int64, before: int | None, after: int | None, file: str) -> E
 
 def gap_events(t_ns: Int64, step: Int64, median_ns: float, file: str) -> list[Event]:
     """Return an event for each step longer than a gap's threshold, with its start and length."""
-    limit = max(GAP_STEPS * median_ns, GAP_MIN_S * NS_PER_S)
+    limit = max(IMU_GAP_STEPS * median_ns, GAP_MIN_S * NS_PER_S)
     events = [
         Event(int(t_ns[i]), "imu_gap", f"{file}: no sample for {step[i] / NS_PER_S:.6g} s")
         for i in np.flatnonzero(step > limit)

@@ -20,7 +20,6 @@ from typing import Final, NamedTuple
 
 from insgnss.constants import NS_PER_MS, NS_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.files import file_buffer
 from insgnss.log.framing_events import framing_events
 from insgnss.tables import Event
 
@@ -79,16 +78,6 @@ class NovatelFrames:
 def check_sum(data: bytes | memoryview) -> int:
     """Return NovAtel's CRC-32: the usual one without its inversions before and after."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
-
-
-def find_frames(path: Path) -> NovatelFrames:
-    """Return all messages of a file (plain or gzipped) whose check sum holds.
-
-    Raises
-    ------
-    InputError : the file is missing, empty or cannot be read
-    """
-    return frames_in(path, file_buffer(path).to_pybytes())
 
 
 def frames_in(path: Path, data: bytes) -> NovatelFrames:

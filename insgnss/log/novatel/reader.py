@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from insgnss.errors import InputError
-from insgnss.log.novatel.frames import find_frames
+from insgnss.log.files import file_buffer
+from insgnss.log.novatel.frames import frames_in
 from insgnss.log.novatel.imu import EXTENDED, INSCONFIG, PLAIN, imu_table
 from insgnss.log.novatel.navigation import DECODED, IONUTC, RAW, broadcast
 from insgnss.log.novatel.ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2, measurements
@@ -48,7 +49,7 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
     InputError : a file cannot be read or holds no NovAtel message, or none of what is read, or needs NovAtel's own
         library, which is not installed
     """
-    turned = [rewritten(find_frames(path)) for path in paths]
+    turned = [rewritten(frames_in(path, file_buffer(path).to_pybytes())) for path in paths]
     files = [frames for frames, _ in turned]
     for frames in files:
         if not frames.count:

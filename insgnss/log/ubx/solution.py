@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_MS, NS_PER_S, NS_PER_WEEK
+from insgnss.constants import NS_PER_DAY, NS_PER_MS, NS_PER_WEEK
 from insgnss.gpstime import GPS_EPOCH
 from insgnss.log.files import records
 from insgnss.log.own_solution import (
@@ -40,7 +40,6 @@ _LAYOUT: Final = np.dtype(
 DATE_AND_TIME_VALID: Final = 3
 _FIX_OK: Final = 1  # bit of the flags
 _FIX_WITH_INERTIAL: Final = 4
-_DAY_NS: Final = 86_400 * NS_PER_S
 _M: Final = 1e-3  # the unit of lengths and speeds
 _DEG: Final = 1e-7
 
@@ -64,7 +63,7 @@ def pvt_rows(frames: UbxFrames) -> PvtRows:
         day.astype("datetime64[M]") == begin
     )
     good &= (rows["year"] > 1980) & (rows["year"] < 2171) & (rows["month"] >= 1) & (rows["month"] <= 12)
-    midday = (day - np.datetime64(GPS_EPOCH, "D")).astype(np.int64) * _DAY_NS + _DAY_NS // 2
+    midday = (day - np.datetime64(GPS_EPOCH, "D")).astype(np.int64) * NS_PER_DAY + NS_PER_DAY // 2
     half = NS_PER_WEEK // 2
     t_ns = midday + (rows["tow_ms"].astype(np.int64) * NS_PER_MS - midday + half) % NS_PER_WEEK - half
     return PvtRows(np.array(offsets, np.int64)[good], t_ns[good], rows[good])

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from insgnss.aiding.uncertainty import PARTS
 from insgnss.report.charts import Chart, ChartRows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.runs.result import Run
-
-_PARTS: Final = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")
 
 
 def section(run: Run) -> Section | None:
@@ -65,7 +64,7 @@ def _by_satellite(
 def _budget(budget: pd.DataFrame) -> Chart:
     """Return the median over the satellites of each part of the Doppler's sigma."""
     rows = ChartRows(["sigma of the rate, m/s"])
-    names = [f"sd_rate_{part}_mps" for part in _PARTS if f"sd_rate_{part}_mps" in budget.columns]
+    names = [f"sd_rate_{part}_mps" for part in PARTS if f"sd_rate_{part}_mps" in budget.columns]
     middle = budget.groupby("time_s")[names].median()
     time_s = middle.index.to_numpy(np.float64)
     for place, name in enumerate(names):

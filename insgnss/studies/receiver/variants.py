@@ -39,12 +39,11 @@ from insgnss.filter.prediction import new_scratch
 from insgnss.filter.rows.replica_offset import COLUMNS, RANGE_COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.rotations import matrix_to_quaternion
+from insgnss.geodesy.rotations import EARTH_RATE_E, matrix_to_quaternion
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.riccati import discretised
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialAiding
 from insgnss.simulation.oscillator import ClockTruth
-from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.workspace import (
     INTERVAL_MESSAGE,

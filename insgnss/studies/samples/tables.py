@@ -28,7 +28,7 @@ from insgnss.simulation.signal_samples import BORDER_S, SignalSky
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.studies.samples.loop import SampleLoop
 from insgnss.studies.samples.search import origin_chips
-from insgnss.tables import Float64
+from insgnss.tables import Float64, rms
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ
 from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.sample_channel import DELAY_CHIPS, MIDDLE, PHASE_RAD
@@ -159,16 +159,12 @@ def summary_of(
         "share_locked": float(tracked["locked"].mean()),
         "share_on_signal": float(tracked["on_signal"].mean()),
         "on_signal_at_end": float(last["on_signal"].sum()),
-        "position_rms_m": _rms(size),
+        "position_rms_m": rms(size),
         "position_largest_m": float(np.max(size)) if len(size) else math.nan,
         "position_at_end_m": float(size[-1]) if len(size) else math.nan,
-        "position_over_sigma": _rms(error / sd),
-        "velocity_rms_mps": _rms(np.linalg.norm(speed, axis=1)),
-        "velocity_over_sigma": _rms(speed / sd_speed),
+        "position_over_sigma": rms(error / sd),
+        "velocity_rms_mps": rms(np.linalg.norm(speed, axis=1)),
+        "velocity_over_sigma": rms(speed / sd_speed),
         "took_s": took_s,
         "times_real_time": took_s / duration_s,
     }
-
-
-def _rms(values: Float64) -> float:
-    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
