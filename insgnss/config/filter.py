@@ -353,9 +353,9 @@ class Visibility(StrictModel):
 
 
 class FilterConfig(StrictModel):
-    """A whole filter file."""
+    """A filter file."""
 
-    lists_keys = "every key with its meaning: insgnss models filters tight"
+    lists_keys = "every key with its meaning: docs/filter-file.md"
     name: str = ""
     based_on: str = Field(
         "",

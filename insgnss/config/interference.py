@@ -82,7 +82,9 @@ class LoopDynamics(StrictModel):
 
 
 class InterferenceConfig(StrictModel):
-    """A whole file of emitters, receiver and dynamics."""
+    """A file of emitters, receiver and dynamics."""
+
+    lists_keys = "every key with its meaning: docs/emitters-file.md"
 
     name: str = ""
     emitter: tuple[Emitter, ...] = Field(min_length=1)

@@ -137,7 +137,9 @@ class ReceiverChannels(StrictModel):
 
 
 class ScenarioConfig(StrictModel):
-    """A whole scenario file."""
+    """A scenario file of the masking study."""
+
+    lists_keys = "every key with its meaning: docs/scenario-file.md"
 
     name: str = ""
     duration_s: Positive

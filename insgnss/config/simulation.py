@@ -269,7 +269,9 @@ class SimulatedAttitude(StrictModel):
 
 
 class SimulationConfig(StrictModel):
-    """A whole scenario file. Relative paths start at its folder."""
+    """A scenario file of ``insgnss simulate``. Relative paths start at its folder."""
+
+    lists_keys = "every key with its meaning: docs/scenario-file.md"
 
     name: str = ""
     source: str = Field("", description="where the numbers come from")

@@ -70,7 +70,7 @@ def test_settings_are_dotted_or_tables(settings: dict[str, Any]) -> None:
     [
         ("gates.pseudorange_sgma=4", "'gates.pseudorange_sigma'"),
         ("gate.pseudorange_sigma=4", "nearest valid key: 'gates'"),
-        ("foo=1", r"-> valid here: name, .*; every key with its meaning: insgnss models filters tight$"),
+        ("foo=1", r"-> valid here: name, .*; every key with its meaning: docs/filter-file.md$"),
         ("pseudorange_sgma=4", "or 'gates.pseudorange_sigma'"),
         ("gates.pseudorange_sigma=four", "expected a number"),
         ("gates.pseudorange_sigma=-4", "greater than 0"),

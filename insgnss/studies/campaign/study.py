@@ -3,7 +3,7 @@
 A campaign file::
 
     name = "grades"
-    case = "matched"            # a name in ``campaign_cases``, or "package.module:function"
+    case = "matched"            # a name in ``cases.CASES``, or "package.module:function"
     seeds = 500                 # 0 .. 499; or a list
     seeds_per_task = 25         # runs that go to a worker at once, and into one file
     [fixed]                     # the same in every case
@@ -47,8 +47,12 @@ Report = Callable[[TaskReport, int, int], None]
 class CampaignConfig(StrictModel):
     """A campaign file."""
 
+    lists_keys = "every key with its meaning: docs/campaign-file.md"
+
     name: str
-    case: str = Field(description="a name in campaign_cases, or 'package.module:function'")
+    case: str = Field(
+        description="'matched', 'outage', 'masking', 'receiver', or a function of yours, 'package.module:function'"
+    )
     seeds: Annotated[int, Field(ge=1, le=_MOST_RUNS)] | tuple[Annotated[int, Field(ge=0)], ...]
     seeds_per_task: Annotated[int, Field(ge=1, le=_MOST_RUNS)] = 10
     fixed: dict[str, Value] = Field(default_factory=dict)
