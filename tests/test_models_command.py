@@ -110,3 +110,13 @@ def test_demo_leaves_the_files_of_the_user_alone(tmp_path: Path, monkeypatch: py
     done = said("demo", "--output", str(tmp_path))
 
     assert done.exit_code == 5 and "other files" in done.stderr
+
+
+def test_scenario_of_a_study_is_not_listed_as_one_to_simulate(tmp_path: Path) -> None:
+    listed = said("models", "scenarios").stdout
+    simulated, studied = listed.split("masking_study")
+
+    assert "turning_flight" in simulated and "sokolov_2015" not in simulated
+    assert "sokolov_2015" in studied and "turning_flight" not in studied
+    copied = said("models", "scenarios", "sokolov_2015", "--output", str(tmp_path / "mine.toml")).stdout
+    assert "masking_study" in copied and "simulate" not in copied

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -75,6 +76,12 @@ def _table(title: str, key: str, values: pd.DataFrame, columns: tuple[str, ...])
     for name in (key, *columns):
         table.add_column(name, justify="left" if name == key else "right")
     for row in values.to_dict("records"):
-        cells = (row[c] for c in columns)
-        table.add_row(str(row[key]), *("" if c != c else f"{c:.4g}" for c in cells))
+        table.add_row(str(row[key]), *(number_cell(row[c]) for c in columns))
     return table
+
+
+def number_cell(number: float) -> str:
+    """Return a number as a table shows it: a count with all its digits, a missing one as an empty cell."""
+    if math.isnan(number):
+        return ""
+    return f"{number:.0f}" if float(number).is_integer() else f"{number:.4g}"

@@ -18,11 +18,14 @@ _USE: Final = {
     "oscillators": '{where}: oscillator = "{name}" in [gnss]',
     "filters": "insgnss replay FLIGHT --filter {file}",
     "antennas": '{where}: pattern = "{name}" in [[gnss.antenna]]',
-    "scenarios": "insgnss simulate {file}",
+    "scenarios": "insgnss simulate {file}, insgnss receiver {file}",
     "campaigns": "insgnss campaign {file}",
     "vehicles": '{where}: vehicle = "{name}" in [attitude]',
     "emitters": "insgnss receiver --emitters {file}, insgnss margin RUN --emitters {file}",
 }
+
+# A scenario with satellites on given tracks describes a study, not a log
+_STUDY: Final = 'masking_study("{file}") of insgnss.studies'
 
 # Copies of these are named with their ending
 _FILES: Final = ("antennas", "vehicles")
@@ -65,8 +68,15 @@ def models(
         typer.echo(source.read_text(encoding="utf-8"), nl=False)
     else:
         called = written.name if kind in _FILES else written.stem
-        use = _USE[kind].format(where="next to the flight file", file=written, name=called)
+        use = _use_of(kind, source).format(where="next to the flight file", file=written, name=called)
         typer.echo(f"wrote {written}; {use}")
+
+
+def _use_of(kind: str, source: Path) -> str:
+    """Return how a model is used, with places for its file and name."""
+    from insgnss.config.strict import read_toml
+
+    return _STUDY if kind == "scenarios" and "satellites" in read_toml(source) else _USE[kind]
 
 
 def _copied(source: Path, output: Path) -> Path:
@@ -94,25 +104,29 @@ def _copied(source: Path, output: Path) -> Path:
 def _list(kinds: list[str], *, as_json: bool) -> None:
     from insgnss.config import library
 
-    found = [
-        {"kind": kind, "name": name, "about": library.about(kind, name), "file": library.find(kind, name)}
-        for kind in kinds
-        for name in library.names(kind)
-    ]
     if as_json:
+        found = [
+            {"kind": kind, "name": name, "about": library.about(kind, name), "file": library.find(kind, name)}
+            for kind in kinds
+            for name in library.names(kind)
+        ]
         print_json({"models": found})
         return
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
+    alike: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for kind in kinds:
-        use = _USE[kind].format(where="in the flight file", file="FILE", name="NAME")
-        table = Table(title=escape(f"{kind}: {use}"), title_justify="left")
+        for name in library.names(kind):
+            use = _use_of(kind, library.find(kind, name))
+            alike.setdefault((kind, use), []).append((name, library.about(kind, name)))
+    for (kind, use), rows in alike.items():
+        called = use.format(where="in the flight file", file="FILE", name="NAME")
+        table = Table(title=escape(f"{kind}: {called}"), title_justify="left")
         for head in ("name", "what it is"):
             table.add_column(head, no_wrap=head == "name")
-        for model in found:
-            if model["kind"] == kind:
-                table.add_row(escape(str(model["name"])), escape(str(model["about"])))
+        for row in rows:
+            table.add_row(*map(escape, row))
         Console(file=sys.stdout, width=120).print(table)
     typer.echo("insgnss models KIND NAME prints a model's file, with --output FILE it is copied")

@@ -13,6 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in
+from insgnss.cli.option_guard import refuse_given
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
@@ -28,6 +29,7 @@ _ADVICE = "give one of --window FROM:UNTIL, --every, --random, --bank"
 
 
 def outage(
+    context: typer.Context,
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     window: Annotated[
         list[str] | None,
@@ -75,6 +77,10 @@ def outage(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [flight]):
         windows = _windows(window, every, random, bank, length, seed)
+        if random is None and every is None:
+            refuse_given(context, ("length", "seed"), "without --every or --random")
+        elif random is None:
+            refuse_given(context, ("seed",), "without --random")
         from insgnss.studies.outage.study import outage_study
         from insgnss.studies.outage.windows import Removal
 

@@ -487,14 +487,14 @@ def test_columns_that_nothing_reads_are_told_once_a_file(tmp_path: Path, rows: l
     path = write_lines(tmp_path / "imu.csv", [IMU_HEADER + ",temperature,", *lines])
     _, events = read_imu(imu_config(path), WEEK)
     assert [event.kind for event in events] == ["columns_not_read"]
-    assert unread(events)[0].endswith("imu.csv: columns not read: temperature, #9")
+    assert unread(events)[0].endswith("imu.csv has further columns: temperature, #9")
 
 
 def test_unread_columns_of_observations_name_the_keys_of_cn0_and_carrier(tmp_path: Path) -> None:
     header = GNSS_HEADER.replace("cn0_dbhz", "snr") + ",adr"
     names, events = gnss(tmp_path, [header, *(line + ",1.5" for line in gnss_lines(5))])
     assert len(names) == 20 and len(unread(events)) == 1
-    assert "columns not read: snr, adr" in unread(events)[0]
+    assert "has further columns: snr, adr" in unread(events)[0]
     assert "gnss.columns.cn0 or gnss.columns.carrier" in unread(events)[0]
     columns = {"cn0": "snr", "carrier": "adr"}
     assert (

@@ -302,8 +302,8 @@ def test_page_lists_the_columns_not_read_beside_the_input() -> None:
     unread = {
         "time_s": [float("nan")],
         "kind": ["columns_not_read"],
-        "detail": ["gnss.csv: columns not read: <snr>"],
+        "detail": ["gnss.csv has further columns: <snr>"],
     }
     run = replace(run, events=pd.concat([run.events, pd.DataFrame(unread)], ignore_index=True))
 
-    assert "gnss.csv: columns not read: &lt;snr&gt;" in settings.section(run).before
+    assert "gnss.csv has further columns: &lt;snr&gt;" in settings.section(run).before

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
+import math
+import re
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
+from insgnss.cli.consistency import number_cell
 from insgnss.cli.main import app
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
@@ -292,10 +295,21 @@ def test_command_prints_the_verdict_and_writes_tables_and_picture(tmp_path: Path
 
     assert result.exit_code == 0, result.output
     assert "range noise is 1.4 times the assumed" in result.output
+    kinds = pd.read_csv(tmp_path / "out" / "consistency_kinds.csv").set_index("kind")
+    shown = re.findall(r"^│ (pseudorange|range_rate) +│ +(\d+) │", result.output, re.MULTILINE)
+    assert {kind: int(used) for kind, used in shown} == kinds["used"].to_dict()
     told = json.loads((tmp_path / "out" / "consistency_verdict.json").read_text(encoding="utf-8"))
     assert told["noise_factors"]["pseudorange"] == pytest.approx(BUILT_IN, rel=0.06)
     assert (tmp_path / "out" / "consistency.png").stat().st_size > 10_000
     assert len(pd.read_csv(tmp_path / "out" / "consistency_kinds.csv")) == 2
+
+
+@pytest.mark.parametrize(
+    ("number", "shown"),
+    [(11513.0, "11513"), (1.05149, "1.051"), (20, "20"), (math.nan, ""), (math.inf, "inf")],
+)
+def test_count_is_printed_with_all_its_digits(number: float, shown: str) -> None:
+    assert number_cell(number) == shown
 
 
 @pytest.mark.parametrize(

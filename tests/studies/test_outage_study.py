@@ -36,6 +36,7 @@ from tests.studies.flight_without import flight_without
 DURATION_S = 300.0
 WINDOW = OutageWindow(START_S + 150.0, START_S + 170.0)
 AFTER_S = 40.0
+SAMPLE = str(Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml")
 
 
 @cache
@@ -252,12 +253,36 @@ def test_switched_off_kind_is_off_within_the_window_alone() -> None:
 
 
 def test_command_prints_percentiles_and_writes_tables_and_picture(tmp_path: Path) -> None:
-    sample = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
-    arguments = ["outage", str(sample), "--random", "4", "--length", "20", "-o", str(tmp_path)]
+    arguments = ["outage", SAMPLE, "--random", "4", "--length", "20", "-o", str(tmp_path)]
     result = CliRunner().invoke(app, arguments)
 
     assert result.exit_code == 0, result.output
     assert "4 windows without all measurements of all satellites" in result.output
     assert len(pd.read_csv(tmp_path / "outage_windows.csv")) == 4
     assert (tmp_path / "outage.png").stat().st_size > 10_000
-    assert CliRunner().invoke(app, ["outage", str(sample)]).exit_code == ConfigError.exit_code
+    assert CliRunner().invoke(app, ["outage", SAMPLE]).exit_code == ConfigError.exit_code
+
+
+@pytest.mark.parametrize(
+    ("way", "unused", "told"),
+    [
+        (
+            ("--window", "293800:293830"),
+            ("--length", "5"),
+            "--length is not used without --every or --random",
+        ),
+        (
+            ("--bank", "20"),
+            ("--length", "5", "--seed", "3"),
+            "--length, --seed are not used without --every or",
+        ),
+        (("--every", "60"), ("--seed", "3"), "--seed is not used without --random"),
+    ],
+)
+def test_options_that_a_way_of_windows_does_not_use_are_refused(
+    way: tuple[str, ...], unused: tuple[str, ...], told: str
+) -> None:
+    result = CliRunner().invoke(app, ["outage", SAMPLE, *way, *unused])
+
+    assert result.exit_code == ConfigError.exit_code
+    assert told in " ".join(result.stderr.split())

@@ -98,7 +98,7 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
         detail = f"{path}:{dialect.header_line}: the header is not UTF-8, read as {FALLBACK_ENCODING}"
         events.append(Event(None, "csv_encoding", detail))
     if unread:
-        events.append(Event(None, "columns_not_read", f"{path}: columns not read: {', '.join(unread)}"))
+        events.append(Event(None, "columns_not_read", f"{path} has further columns: {', '.join(unread)}"))
     return events
 
 
