@@ -49,7 +49,7 @@ ALL = ("G01", "G02", "G04", "G10", "G13", "G16", "G20", "G23", "G30", "G31", "G3
 #
 # ## A fix from three satellites
 #
-# First what a receiver makes of them: `insgnss.point` solves every epoch by itself. We leave three satellites in a copy
+# First a receiver alone: `insgnss.point` solves every epoch by itself. We leave three satellites in a copy
 # of the log of the sample flight.
 
 # %%

@@ -103,8 +103,8 @@ variance.figure()
 # - (a) everything that the receiver reports is offered to the filter,
 # - (b) an elevation mask over the horizon,
 # - (c) the filter masks what its attitude says is hidden,
-# - (d) and supervises the search: no channel looks for what cannot be there, and each is told where to look when it
-#   can.
+# - (d) and supervises the search: no channel searches for a hidden satellite, and each gets its search window when the
+#   satellite returns.
 
 # %%
 study = masking_study("sokolov_2015", runs=5)

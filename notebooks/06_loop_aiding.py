@@ -51,7 +51,7 @@ flight = insgnss.Flight.load(SAMPLE / "flight.toml")
 
 
 def replayed(**settings: float) -> insgnss.Run:
-    """Replay the flight with the aiding; sigma are found anew ten times a second, or as the settings say."""
+    """Replay the flight with the aiding; sigma are computed ten times a second, or as the settings say."""
     config = AidingConfig(**{"rate_hz": 20.0, "sigma_interval_s": 0.1} | settings)
     return insgnss.replay(flight, filter="tight17", aiding=config)
 
@@ -184,7 +184,7 @@ axes.set_ylabel("sigma of the Doppler of G23, Hz")
 axes.set_ylim(0.0, 1.35)
 axes.legend(ncols=2)
 of_interval = float(np.median(sd_seldom[np.isin(seldom_s, doppler_s[whole]), k] / sd_doppler[whole, k]))
-print(f"just before an update the sigma grown over a second is {of_interval:.2f} times the one found anew")
+print(f"just before an update the sigma grown over a second is {of_interval:.2f} times the one just computed")
 
 # %% [markdown]
 # ## What the sigma is made of
@@ -215,8 +215,8 @@ print({p: f"{100 * v / sum(share.values()):.1f} %" for p, v in share.items() if 
 # %% [markdown]
 # ## The lever arm
 #
-# The antenna is 1.36 m from the IMU; while the aircraft rolls it moves by $\boldsymbol\omega\times\mathbf l$. What
-# would the loop be told if that were left out?
+# The antenna is 1.36 m from the IMU; while the aircraft rolls it moves by $\boldsymbol\omega\times\mathbf l$. How
+# wrong is the aiding without the lever arm?
 
 # %%
 lever_term = true_rate(time_s - START_S) - true_rate(time_s - START_S, (0.0, 0.0, 0.0))
@@ -270,7 +270,7 @@ print(
 # %% [markdown]
 # ## Answer
 #
-# Between two updates the oscillator is what a loop cannot be told: a quieter one is worth more than better gyros.
+# Between two updates the aiding cannot predict the oscillator: a quieter one is worth more than better gyros.
 
 # %%
 rms_rate = float(np.sqrt(np.mean(error**2)))

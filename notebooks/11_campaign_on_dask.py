@@ -137,7 +137,7 @@ at_last = pd.DataFrame(places, columns=["imu", "noise_factor", *BLOCKS])
 
 # %% [markdown]
 # The grades share their seeds, so that they meet the same satellite noise: what differs between them is the sensor
-# alone. With noise that the filter does not know of, the position's NEES is $1.4^2$ times as large, and so is the NIS:
+# alone. With noise that the filter does not model, the position's NEES is $1.4^2$ times as large, and so is the NIS:
 # this is what tells it on a real flight, where there is no truth.
 
 # %%
