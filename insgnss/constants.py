@@ -14,10 +14,6 @@ WGS84_B_M: Final = WGS84_A_M * (1.0 - WGS84_F)  # semi-minor axis
 WGS84_E2: Final = WGS84_F * (2.0 - WGS84_F)  # first eccentricity squared
 WGS84_GM_M3PS2: Final = 3.986004418e14  # with atmosphere
 WGS84_OMEGA_RADPS: Final = 7.292115e-5  # rotation rate of the Earth
-WGS84_GAMMA_E_MPS2: Final = 9.7803253359  # normal gravity at the equator
-WGS84_GAMMA_P_MPS2: Final = 9.8321849379  # normal gravity at the pole
-WGS84_SOMIGLIANA_K: Final = 1.931852652458e-3  # Somigliana's constant k = b gp / (a ge) - 1
-WGS84_M: Final = 3.449786506841e-3  # omega^2 a^2 b / GM
 WGS84_J2: Final = 1.082629821313e-3  # from C20,bar = -0.484166774985e-3 (table 3.5), J2 = -sqrt(5) C20
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665  # the unit g; ISO 80000-3

@@ -30,6 +30,7 @@ from insgnss.attitude.angular_discriminators import (
     discriminator_curve,
     likelihood_discriminator,
     pair_discriminator,
+    partial_variances,
     slopes,
 )
 from insgnss.attitude.aperture import Apertures, apertures, random_attitudes
@@ -83,6 +84,7 @@ __all__ = [
     "measured_differences",
     "observability",
     "pair_discriminator",
+    "partial_variances",
     "phase_differences",
     "phases_by_euler",
     "phases_by_rotation",

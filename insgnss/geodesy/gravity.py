@@ -11,13 +11,9 @@ import math
 from insgnss.constants import (
     WGS84_A_M,
     WGS84_E2,
-    WGS84_F,
-    WGS84_GAMMA_E_MPS2,
     WGS84_GM_M3PS2,
     WGS84_J2,
-    WGS84_M,
     WGS84_OMEGA_RADPS,
-    WGS84_SOMIGLIANA_K,
 )
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -26,21 +22,6 @@ from insgnss.tables import Float64
 # [Heiskanen & Moritz 1967, 2-92]
 _J4 = -3.0 * WGS84_E2**2 / 35.0 * (-1.0 + 10.0 * WGS84_J2 / WGS84_E2)
 _J6 = 3.0 * WGS84_E2**3 / 63.0 * (-2.0 + 15.0 * WGS84_J2 / WGS84_E2)
-
-
-@kernel
-def somigliana(lat: float, h: float) -> float:
-    """Return normal gravity [m/s^2] at geodetic latitude ``lat`` [rad] and height ``h`` [m].
-
-    Equation: gamma = ge (1 + k s^2) / sqrt(1 - e^2 s^2),  s = sin lat          [NGA.STND.0036, 4-1]
-              gamma(h) = gamma (1 - 2/a (1 + f + m - 2 f s^2) h + 3 h^2 / a^2)  [NGA.STND.0036, 4-3]
-    Neglects: the flattening squared in the gradient, 1e-10 m/s^2 per metre, and third order in h/a: 7e-7 m/s^2 at
-    10 km, 0.9 m/s^2 at 2000 km.
-    """
-    s2 = math.sin(lat) ** 2
-    on_ellipsoid = WGS84_GAMMA_E_MPS2 * (1.0 + WGS84_SOMIGLIANA_K * s2) / math.sqrt(1.0 - WGS84_E2 * s2)
-    x = h / WGS84_A_M
-    return on_ellipsoid * (1.0 - 2.0 * (1.0 + WGS84_F + WGS84_M - 2.0 * WGS84_F * s2) * x + 3.0 * x * x)
 
 
 @kernel

@@ -112,17 +112,6 @@ CORRECTIONS: Final = (
 )
 
 
-def correction_lines() -> list[str]:
-    """Return ``CORRECTIONS`` as the lines of a Markdown table."""
-    lines = ["| term | enters | symbol | size [m] | computed in | source |", "|---|---|---|---|---|---|"]
-    for term in CORRECTIONS:
-        least, most = term.size_m
-        lines.append(
-            f"| {term.name} | {term.adds} | {term.symbol} | {least:g} to {most:g} | {term.where} | {term.source} |"
-        )
-    return lines
-
-
 class Air(Record):
     """The common inputs of an epoch's delays."""
 

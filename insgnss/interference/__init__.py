@@ -27,8 +27,10 @@ from insgnss.interference.drift import (
     density_of_grade,
     density_of_record,
     density_of_walk,
+    greatest_rule_bias,
     ins_density,
     oscillator_density,
+    oscillator_of_allan,
     total_density,
 )
 from insgnss.interference.linear_threshold import (
@@ -48,7 +50,14 @@ from insgnss.interference.margin import (
     margin_in_motion_db,
     threshold_cn0_dbhz,
 )
-from insgnss.interference.optimal_loop import discrete_gains, gains, noise_bandwidth, threshold_noise
+from insgnss.interference.optimal_loop import (
+    discrete_gains,
+    discrete_noise_bandwidth,
+    gains,
+    noise_bandwidth,
+    noise_bandwidth_of_gains,
+    threshold_noise,
+)
 from insgnss.interference.phase_models import (
     PhaseModel,
     UnknownAcceleration,
@@ -76,18 +85,22 @@ __all__ = [
     "density_of_walk",
     "diagram",
     "discrete_gains",
+    "discrete_noise_bandwidth",
     "discriminator",
     "equivalent_noise",
     "gains",
     "greatest_drift",
+    "greatest_rule_bias",
     "ins_density",
     "lock_threshold",
     "margin_db",
     "margin_in_motion_db",
     "noise_bandwidth",
+    "noise_bandwidth_of_gains",
     "one_stage_model",
     "one_stage_velocity_mps",
     "oscillator_density",
+    "oscillator_of_allan",
     "phase_covariance",
     "phase_rms_rad",
     "phase_threshold",

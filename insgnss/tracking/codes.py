@@ -141,15 +141,6 @@ def _chips(bits: Int8) -> Int8:
     return np.asarray(1 - 2 * bits, np.int8)
 
 
-def sampled(code: RangingCode, t_s: npt.ArrayLike, delay_s: float = 0.0) -> Int8:
-    """Return the code's chip at each time, as +1 or -1, for a signal that is late by a delay.
-
-    Equation: h(t) = chip[floor((t - delay) rate) mod length]                                              [(3.2)]
-    """
-    phase = (np.asarray(t_s, float) - delay_s) * code.rate_hz
-    return np.asarray(code.chips[np.floor(phase).astype(np.int64) % code.length])
-
-
 def autocorrelation(code: RangingCode) -> Float64:
     """Return the circular autocorrelation at whole chips, 1 at lag 0; exact to rounding.
 

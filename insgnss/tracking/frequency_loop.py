@@ -26,7 +26,6 @@ from insgnss.tables import Complex, Float64
 from insgnss.tracking.loop_filters import (
     LoopFilter,
     digital_filter,
-    filter_from_continuous,
     steady_covariance,
     transition,
 )
@@ -118,17 +117,6 @@ def frequency_filter(order: int, bandwidth_hz: float, step_s: float) -> Frequenc
     """
     _require_order(order)
     return FrequencyLoop(digital_filter(order, bandwidth_hz, step_s))
-
-
-def frequency_filter_from_continuous(gains: npt.ArrayLike, step_s: float) -> FrequencyLoop:
-    """Return the frequency loop that has continuous gains K1, K2 held over a step.
-
-    Raises
-    ------
-    ConfigError : unstable at this step; the error says up to which bandwidth it is not
-    """
-    _require_order(np.size(gains))
-    return FrequencyLoop(filter_from_continuous(gains, step_s))
 
 
 def _require_order(order: int) -> None:

@@ -62,8 +62,10 @@ def extrapolate_ranges(
     """
     v, a, drift = user
     for c in range(steps.shape[0]):
-        rate = relative_speed(before[0][c], before[1][c], v, a, 0.5 * step_s if rule == 2 else 0.0)
-        if rule == 0:
+        rate = relative_speed(
+            before[0][c], before[1][c], v, a, 0.5 * step_s if rule == RECTANGLE_ACCELERATED else 0.0
+        )
+        if rule == TRAPEZOID:
             rate = 0.5 * (rate + relative_speed(after[0][c], after[1][c], v, a, step_s))
         steps[c] = step_s * (rate + drift)
 

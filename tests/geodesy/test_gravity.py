@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from insgnss.constants import WGS84_A_M, WGS84_GAMMA_E_MPS2, WGS84_GAMMA_P_MPS2
+from insgnss.constants import WGS84_A_M
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef, radii
-from insgnss.geodesy.gravity import normal_gravity_ecef, somigliana
+from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from tests.geodesy.normal_field import OMEGA, gravitation, potential
+from tests.geodesy.somigliana import WGS84_GAMMA_E_MPS2, WGS84_GAMMA_P_MPS2, somigliana
 from tests.jacobian import finite_difference_jacobian
 
 # J8 is neglected: 9 J8 g = 1.3e-9 m/s^2 on the ground, less above

@@ -12,14 +12,11 @@ from insgnss.constants import (
     S_PER_DAY,
     WGS84_A_M,
     WGS84_B_M,
-    WGS84_GAMMA_E_MPS2,
-    WGS84_GAMMA_P_MPS2,
-    WGS84_M,
     WGS84_OMEGA_RADPS,
 )
 from insgnss.geodesy.ellipsoid import radii
-from insgnss.geodesy.gravity import somigliana
 from insgnss.geodesy.rotations import euler_to_matrix
+from tests.geodesy.somigliana import WGS84_GAMMA_E_MPS2, WGS84_GAMMA_P_MPS2, WGS84_M, somigliana
 from tests.inertial.held_height import Place, place_at_rest, stay
 from tests.inertial.strapdown import EARTH, fly
 

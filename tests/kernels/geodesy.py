@@ -18,7 +18,6 @@ CASES = [
     KernelCase(f"{_ELLIPSOID}:geodetic_to_ecef", (_LAT, _LON, 1234.5, np.zeros(3))),
     # a height of 1 km is the difference of two lengths of 6e6 m
     KernelCase(f"{_ELLIPSOID}:ecef_to_geodetic", (_R_E,), rtol=1e-11),
-    KernelCase("insgnss.geodesy.gravity:somigliana", (_LAT, 5000.0)),
     KernelCase("insgnss.geodesy.gravity:normal_gravity_ecef", (_R_E, np.zeros(3))),
     KernelCase("insgnss.geodesy.local_level:up_direction", (_R_E,)),
     KernelCase("insgnss.geodesy.local_level:ecef_to_ned_matrix", (_LAT, _LON, np.zeros((3, 3)))),

@@ -7,6 +7,7 @@ import pytest
 
 from insgnss.errors import ConfigError
 from insgnss.tracking.codes import (
+    RangingCode,
     autocorrelation,
     code_names,
     code_of,
@@ -14,7 +15,6 @@ from insgnss.tracking.codes import (
     glonass_st,
     gps_ca,
     lfsr,
-    sampled,
     triangle,
 )
 
@@ -96,6 +96,15 @@ def test_all_ca_codes_are_balanced_gold_codes_and_no_two_are_equal() -> None:
     for prn in range(1, 211):
         sides = np.rint(autocorrelation(gps_ca(prn))[1:] * 1023)
         assert set(sides) == {-65.0, -1.0, 63.0}  # three-valued, as Gold codes of length 2^10 - 1 are
+
+
+def sampled(code: RangingCode, t_s: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
+    """Return the code's chip at each time, as +1 or -1, for a signal that is late by a delay.
+
+    Equation: h(t) = chip[floor((t - delay) rate) mod length]                                              [(3.2)]
+    """
+    phase = (t_s - delay_s) * code.rate_hz
+    return np.asarray(code.chips[np.floor(phase).astype(np.int64) % code.length])
 
 
 def test_sampled_code_changes_at_the_chip_edges_and_is_late_by_its_delay() -> None:

@@ -22,9 +22,8 @@ from insgnss.tracking.channels import (
 from insgnss.tracking.frequency_loop import (
     FrequencyLoop,
     frequency_filter,
-    frequency_filter_from_continuous,
 )
-from insgnss.tracking.loop_filters import LoopFilter, continuous_gains, digital_filter
+from insgnss.tracking.loop_filters import LoopFilter, digital_filter
 from insgnss.tracking.spin import Spin, spin_source
 from insgnss.tracking.trial import assess
 
@@ -64,18 +63,6 @@ def test_too_large_a_bandwidth_is_refused_with_its_limit(order: int, limit: floa
     assert frequency_filter(order, 0.99 * limit / T, T).chain.is_stable()
     with pytest.raises(ConfigError, match=f"{limit:g}"):
         frequency_filter(order, 1.01 * limit / T, T)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_euler_gains_are_refused_above_their_own_limit(order: int) -> None:
-    with pytest.raises(ConfigError, match="unstable above") as refused:
-        frequency_filter_from_continuous(continuous_gains(order, 400.0), T)
-    limit = float(str(refused.value).split("unstable above ")[1].split()[0])
-
-    # order 1: K T = 2, B = K / 4                                       [z = 1 - K T]
-    assert limit == pytest.approx(0.5 if order == 1 else limit, rel=0.01)
-    stable = frequency_filter_from_continuous(continuous_gains(order, 0.98 * limit / T), T)
-    assert stable.noise_bandwidth_hz() > 0.98 * limit / T
 
 
 @pytest.mark.parametrize(("order", "bandwidth_hz"), [(1, 2.5), (1, 30.0), (2, 4.0), (2, 60.0)])

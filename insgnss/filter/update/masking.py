@@ -42,9 +42,8 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int8, Int64
 
-OFF: Final = 0  # values of ``Parameters.visibility``: no masking,
-MASK: Final = 1  # hidden satellites are not used,
-LOOK: Final = 2  # or it is, and the ledger gives its gain
+# values of ``Parameters.visibility``: no masking; hidden satellites are not used; they are, and the ledger has the gain
+OFF, MASK, LOOK = 0, 1, 2
 
 
 NO_LIMITS: Final = VisibilityLimits(-math.inf, 0.0, 0.0, math.inf)

@@ -42,7 +42,7 @@ from insgnss.log.sbf.blocks import (
 )
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, SATELLITES
 
-_INAV, _FNAV = 2, 16
+_FNAV: Final = 16
 _SEMICIRCLES: Final = ("i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot")
 # IS-GPS-200N, 20.3.4.4: "four hours", "greater than four hours"
 _FIT_S: Final = {0: 4 * 3600.0, 1: 6 * 3600.0}
