@@ -15,7 +15,7 @@ from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord, new_bank
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.directions import angles_of
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
@@ -180,10 +180,10 @@ def test_receiver_clock_adds_to_the_range_and_the_satellite_clock_subtracts() ->
     normal_gravity_ecef(r_e, g_e)
     f_b = -C_ne @ g_e
 
-    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
+    predict_measurements(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
     exact = work.lines["innovation"][0, :2].copy()
     m.clock[:] += 30.0, 2.0  # the estimated clock is 30 m and 2 m/s too large
-    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
+    predict_measurements(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
 
     # pseudorange = range + receiver clock - satellite clock, range rate alike; rounding of a 2.2e7 m range is 4e-9 m
     np.testing.assert_allclose(exact, 0.0, atol=2e-8)

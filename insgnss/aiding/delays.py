@@ -14,7 +14,7 @@ from insgnss.aiding.trace import Trace
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
+from insgnss.gnss.range_model import AIR_DTYPE, AirModel, evaluate_atmosphere, slant_delay
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -34,7 +34,7 @@ def fill_delays(trace: Trace, arcs: Arcs, spans: Spans, lever_b: Float64, air_mo
         lat, lon, h = ecef_to_geodetic(r_a)
         ecef_to_ned_matrix(lat, lon, C_ne)
         week_s = (trace.t_ns[i] % NS_PER_WEEK) / NS_PER_S
-        place_air(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
+        evaluate_atmosphere(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
         since_ns = trace.t_ns[i] - arcs.start_ns
         p = since_ns // PIECE_NS
         since_s = (since_ns - p * PIECE_NS) / NS_PER_S

@@ -37,7 +37,7 @@ from insgnss.filter.update.integrity import explain, fit_freely, follow_explaine
 from insgnss.filter.update.judging import judge_rows
 from insgnss.filter.update.lasting_errors import follow_lasting_errors
 from insgnss.filter.update.lever_swing import swing_lever_arm
-from insgnss.filter.update.observe import observe, observe_row, place_antenna
+from insgnss.filter.update.prior_rows import place_antenna, predict_measurements, predict_row
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.shown_motion import follow_motion, place_motion
@@ -69,8 +69,8 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     w_ib_b, f_b = imu.w_ib_b[0], imu.f_b[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
-        observe_row: (m, par, rows, ANY_N, row, s, line),
-        observe: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
+        predict_row: (m, par, rows, ANY_N, row, s, line),
+        predict_measurements: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
         run_epochs: (bank, (ANY_N, ANY_N), rows, imu, parameters, ANY_X, out, work),
         carry: (m, P, ANY_N, ANY_N, ANY_N, imu, par, scratch),
         follow_slow_errors: (bank, ANY_N, par, rows, ANY_N, ANY_X, s),

@@ -40,7 +40,7 @@ from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateR
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, turn_force_errors
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
-from insgnss.filter.update.observe import place_antenna
+from insgnss.filter.update.prior_rows import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.geodesy.local_level import up_direction

@@ -31,7 +31,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.orbits.satellite_state import SatelliteStates
-from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
+from insgnss.gnss.range_model import AIR_DTYPE, AirModel, evaluate_atmosphere, slant_delay
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
 from insgnss.kernels.jit import kernel
@@ -258,7 +258,7 @@ def base_ranges(
     for i in range(len(t_ns)):
         if i == 0 or t_ns[i] != t_ns[i - 1]:
             week_s = (t_ns[i] % NS_PER_WEEK) / NS_PER_S
-            place_air(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
+            evaluate_atmosphere(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
         distance = line_of_sight_range(sat, i, r_e, u)
         for k in range(3):
             u_n[k] = C_ne[k, 0] * u[0] + C_ne[k, 1] * u[1] + C_ne[k, 2] * u[2]

@@ -189,7 +189,7 @@ def prepare_rows(
             epoch_ns=epoch_ns, first=first, max_interval_s=carrier_max_interval_s, wanted=carrier,
         )  # fmt: skip
     if correction_m is not None:
-        take_off(observation, correction_m)
+        apply_corrections(observation, correction_m)
     if ionosphere_free:
         sat = combine_pseudoranges(observation, sat, carrier_of, first)
     return GnssRows(
@@ -204,7 +204,7 @@ def prepare_rows(
     )
 
 
-def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
+def apply_corrections(observation: npt.NDArray[Any], correction_m: Float64) -> None:
     """Take corrections (n,) [m] off the pseudoranges; a usable one without a correction becomes NO_CORRECTION."""
     known = np.isfinite(correction_m)
     observation["value"][known, PSEUDORANGE] -= correction_m[known]

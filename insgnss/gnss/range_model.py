@@ -112,7 +112,7 @@ CORRECTIONS: Final = (
 )
 
 
-class Air(Record):
+class EpochAtmosphere(Record):
     """The common inputs of an epoch's delays."""
 
     lat: float  # of the antenna [rad]
@@ -126,7 +126,7 @@ class Air(Record):
     dry_factor: float  # of the last row, by ``slant_changes``
 
 
-AIR_DTYPE: Final = dtype_of(Air)
+AIR_DTYPE: Final = dtype_of(EpochAtmosphere)
 
 
 class AirModel(NamedTuple):
@@ -139,8 +139,8 @@ class AirModel(NamedTuple):
 
 
 @kernel
-def place_air(
-    air: Air,
+def evaluate_atmosphere(
+    air: EpochAtmosphere,
     lat: float,
     lon: float,
     h: float,
@@ -171,7 +171,11 @@ def place_air(
 
 @kernel
 def slant_delay(
-    air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float, ionosphere_m: float = math.nan
+    air: EpochAtmosphere,
+    klobuchar: Float64,
+    u_n: Float64,
+    ionosphere_factor: float,
+    ionosphere_m: float = math.nan,
 ) -> float:
     """Return the delay of a pseudorange by the atmosphere [m]; the wet mapping factor stays in ``air.wet_factor``.
 
@@ -208,8 +212,8 @@ def slant_delay(
 
 @kernel
 def slant_changes(
-    air: Air,
-    earlier: Air,
+    air: EpochAtmosphere,
+    earlier: EpochAtmosphere,
     klobuchar: Float64,
     u_n: Float64,
     u_n_earlier: Float64,
@@ -248,7 +252,7 @@ def slant_changes(
 
 @kernel(inline=True)
 def klobuchar_pair(
-    air: Air, earlier: Air, klobuchar: Float64, u_n: Float64, u_n_earlier: Float64
+    air: EpochAtmosphere, earlier: EpochAtmosphere, klobuchar: Float64, u_n: Float64, u_n_earlier: Float64
 ) -> tuple[float, float]:
     """Return Klobuchar's delays on L1 [m] of now and of a little earlier, both by the branch of now."""
     sine = min(max(-u_n[2], -1.0), 1.0)
@@ -282,7 +286,7 @@ def path_delay(
     ionosphere_factor: float,
     troposphere_factor: float,
 ) -> float:
-    """Return the delay of one pseudorange by the atmosphere [m]: ``place_air`` and ``slant_delay`` in one.
+    """Return the delay of one pseudorange by the atmosphere [m]: ``evaluate_atmosphere`` and ``slant_delay`` in one.
 
     Parameters
     ----------
@@ -295,7 +299,7 @@ def path_delay(
     """
     air = np.zeros(1, AIR_DTYPE)
     lat, lon, h = place
-    place_air(air[0], lat, lon, h, week_s, troposphere_factor, STANDARD_WEATHER)
+    evaluate_atmosphere(air[0], lat, lon, h, week_s, troposphere_factor, STANDARD_WEATHER)
     level = math.cos(elevation)
     u_n = np.array([level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation)])
     return slant_delay(air[0], klobuchar, u_n, ionosphere_factor)

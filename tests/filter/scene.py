@@ -23,8 +23,8 @@ from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, new_bank
 from insgnss.filter.update.epoch_space import FilterWorkspace, new_epoch, new_workspace
-from insgnss.filter.update.observe import observe
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
@@ -215,7 +215,7 @@ def observed(
     work = new_epoch(int(log.first[epoch + 1] - log.first[epoch]), bank.P.shape[1])
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
     force = steady_force(bank.state[0]) if f_b is None else f_b
-    observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, force, work)
+    predict_measurements(bank.state[0], bank.P[0], par[0], log, epoch, rate, force, work)
     return work
 
 

@@ -28,7 +28,7 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
-from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.compiled_ahead import compile_for
@@ -81,7 +81,7 @@ def numbers(**changes: Any) -> npt.NDArray[Any]:
 def observed(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> EpochWorkspace:
     """Return the work space with the carriers held against the prior."""
     work = new_epoch(len(log.observation), N, OFFSETS)
-    observe(bank.state[0], bank.P[0], par[0], log, 0, STILL, steady_force(bank.state[0]), work)
+    predict_measurements(bank.state[0], bank.P[0], par[0], log, 0, STILL, steady_force(bank.state[0]), work)
     return work
 
 

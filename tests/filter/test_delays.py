@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import N_CLONE, OFFSETS, Bank, new_bank
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.ionosphere import shell_mapping
@@ -93,7 +93,9 @@ def numbers(ionosphere: float, troposphere: float, **changes: Any) -> npt.NDArra
 def lines_of(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the lines of the epoch held against the prior."""
     work = new_epoch(len(log.observation), N, CLONE)
-    observe(bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work)
+    predict_measurements(
+        bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work
+    )
     return work.lines
 
 

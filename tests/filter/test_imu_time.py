@@ -16,7 +16,7 @@ from insgnss.filter.states.imu_time import IMU_TIME, imu_time, to_imu_time
 from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE
@@ -55,7 +55,9 @@ def manoeuvring_filter() -> Bank:
 
 def lines_of(bank: Bank) -> npt.NDArray[Any]:
     work = new_epoch(12, N, OFFSETS + 1)
-    observe(bank.state[0], bank.P[0], numbers(motion_gate2=0.0)[0], carrier_log(), 0, RATE, PULL, work)
+    predict_measurements(
+        bank.state[0], bank.P[0], numbers(motion_gate2=0.0)[0], carrier_log(), 0, RATE, PULL, work
+    )
     return work.lines
 
 
@@ -79,7 +81,7 @@ def test_clone_is_the_antenna_at_its_reception() -> None:
     """Its covariance with all states is that of dr + psi x l - v ds."""
     bank, work = manoeuvring_filter(), new_epoch(12, N, OFFSETS + 1)
     m, P, par = bank.state[0], bank.P[0], numbers(motion_gate2=0.0)[0]
-    observe(m, P, par, carrier_log(), 0, RATE, PULL, work)
+    predict_measurements(m, P, par, carrier_log(), 0, RATE, PULL, work)
     a = work.antenna[0]
     J = np.zeros((3, N))
     J[:, DR : DR + 3], J[:, OFFSETS] = np.eye(3), -a["shown_v_e"]

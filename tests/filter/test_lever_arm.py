@@ -23,7 +23,7 @@ from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.lever_swing import swing_lever_arm
-from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
@@ -62,7 +62,7 @@ def turning_filter() -> Bank:
 
 def lines_of(bank: Bank, par: npt.NDArray[Any], w_ib_b: Float64) -> npt.NDArray[Any]:
     work, log = new_epoch(12, N, OFFSETS + 3), carrier_log()
-    observe(bank.state[0], bank.P[0], par[0], log, 0, w_ib_b, steady_force(bank.state[0]), work)
+    predict_measurements(bank.state[0], bank.P[0], par[0], log, 0, w_ib_b, steady_force(bank.state[0]), work)
     return work.lines
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from insgnss.filter.state import OFFSETS, Bank
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky, steady_force
@@ -36,7 +36,9 @@ def scene() -> tuple[Bank, GnssRows]:
 
 def lines_of(bank: Bank, log: GnssRows, par: np.ndarray) -> np.ndarray:
     work = new_epoch(12, N)
-    observe(bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work)
+    predict_measurements(
+        bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work
+    )
     return work.lines
 
 

@@ -19,7 +19,7 @@ from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.whole_log import run_blocks
 from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, GnssRows
@@ -113,7 +113,7 @@ def test_pseudorange_grows_by_the_bias_in_sigmas_and_no_other_kind_does() -> Non
         work = new_epoch(3, OFFSETS + K)
         bank.state[0].optional[:K] = value
         place_range_biases(bank, numbers()[0], log, 0, work.lines)
-        observe(bank.state[0], bank.P[0], numbers()[0], log, 0, np.zeros(3), np.zeros(3), work)
+        predict_measurements(bank.state[0], bank.P[0], numbers()[0], log, 0, np.zeros(3), np.zeros(3), work)
         rows.append(work.lines.copy())
     none, some = rows
     np.testing.assert_allclose(

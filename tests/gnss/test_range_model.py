@@ -22,8 +22,8 @@ from insgnss.gnss.range_model import (
     CORRECTIONS,
     AirModel,
     RangeCorrection,
+    evaluate_atmosphere,
     path_delay,
-    place_air,
     slant_delay,
 )
 from insgnss.gnss.troposphere import STANDARD_WEATHER, weather_at_sea_level
@@ -68,7 +68,7 @@ def ranges(sat: Float64) -> Float64:
 
 def delays(ionosphere: float, troposphere: float, **weather: float) -> Float64:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, troposphere, weather_at_sea_level(h=H, **weather))
+    evaluate_atmosphere(air[0], LAT, LON, H, WEEK_S, troposphere, weather_at_sea_level(h=H, **weather))
     return np.array([slant_delay(air[0], COEFFICIENTS, u, ionosphere, math.nan) for u in U_N])
 
 
@@ -198,7 +198,7 @@ def test_pressure_must_matter() -> None:
 
 def test_wet_factor_is_the_derivative_by_the_residual_zenith_delay() -> None:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, 1.0, STANDARD_WEATHER)
+    evaluate_atmosphere(air[0], LAT, LON, H, WEEK_S, 1.0, STANDARD_WEATHER)
     for u in U_N:
         before = slant_delay(air[0], COEFFICIENTS, u, 0.0)
         factor = float(air[0].wet_factor)
@@ -206,14 +206,14 @@ def test_wet_factor_is_the_derivative_by_the_residual_zenith_delay() -> None:
         assert slant_delay(air[0], COEFFICIENTS, u, 0.0) - before == pytest.approx(0.1 * factor, abs=1e-9)
         air[0].wet -= 0.1
         assert factor == pytest.approx(mapping_factors(LAT, H, math.asin(-u[2]))[1], rel=1e-12)
-    place_air(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
+    evaluate_atmosphere(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
     slant_delay(air[0], COEFFICIENTS, U_N[0], 1.0)
     assert air[0].wet_factor == 0.0
 
 
 def test_given_ionosphere_replaces_the_compiled_model_and_scales_with_the_carrier() -> None:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
+    evaluate_atmosphere(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
     assert slant_delay(air[0], COEFFICIENTS, U_N[0], 1.793, 4.0) == pytest.approx(1.793 * 4.0, rel=1e-12)
     assert slant_delay(air[0], COEFFICIENTS, U_N[0], 0.0, 4.0) == 0.0
     own = slant_delay(air[0], COEFFICIENTS, U_N[0], 1.0, math.nan)

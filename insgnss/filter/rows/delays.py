@@ -30,7 +30,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.ionosphere import shell_mapping
 from insgnss.gnss.observation_rows import GnssRows, Observation
-from insgnss.gnss.range_model import place_air, slant_changes
+from insgnss.gnss.range_model import evaluate_atmosphere, slant_changes
 from insgnss.gnss.troposphere import Weather
 from insgnss.kernels.jit import kernel
 
@@ -38,7 +38,7 @@ LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rou
 
 
 @kernel(inline=True)
-def place_airs(s: EpochWorkspace, par: Parameters, week_s: float, interval: float) -> None:
+def evaluate_atmospheres(s: EpochWorkspace, par: Parameters, week_s: float, interval: float) -> None:
     """Write the air of the epoch, and that of a little earlier, where the antenna came from.
 
     ``interval`` is what the carrier's differences span [s], zero where there are none.
@@ -52,8 +52,8 @@ def place_airs(s: EpochWorkspace, par: Parameters, week_s: float, interval: floa
     lat_0, lon_0, h_0 = ecef_to_geodetic(a.r_earlier)
     ecef_to_ned_matrix(lat_0, lon_0, a.C_earlier)
     weather = Weather(par.pressure_0, par.temperature_0, par.humidity)
-    place_air(s.air[0], lat, lon, h, week_s, par.use_troposphere, weather)
-    place_air(s.air[1], lat_0, lon_0, h_0, week_s - a.look_back, par.use_troposphere, weather)
+    evaluate_atmosphere(s.air[0], lat, lon, h, week_s, par.use_troposphere, weather)
+    evaluate_atmosphere(s.air[1], lat_0, lon_0, h_0, week_s - a.look_back, par.use_troposphere, weather)
 
 
 @kernel(inline=True)

@@ -28,7 +28,7 @@ from insgnss.filter.start.start import (
 )
 from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.inertial.alignment import AlignmentWindow, inertial_window
@@ -258,7 +258,7 @@ def seen_from(
     n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
     work = new_epoch(n_rows, bank.P.shape[1])
     m: StateRecord = bank.state[0]
-    observe(m, bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
+    predict_measurements(m, bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
     line = work.lines[:n_rows]
     clocks = np.full(n_groups, math.nan)
     for g in range(n_groups):

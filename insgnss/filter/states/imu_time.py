@@ -1,9 +1,9 @@
 """The error of the IMU's time tags: s seconds to be added to them, a constant of the installation that motion shows.
 
 The state is at the IMU's tag t, so it is the vehicle's at GPS time t + s. An antenna received at t - clock / c is
-s + clock / c earlier than the state: its position is r_a - v s, its velocity v_a - a s (``update.observe``). Without a
-change of velocity s cannot be separated from a shift of the position along the track; at constant speed not from
-one of the lever arm, even in turns. Navigation rows hold the state at GPS time (``output.gps_time``).
+s + clock / c earlier than the state: its position is r_a - v s, its velocity v_a - a s (``update.prior_rows``). Without
+a change of velocity s cannot be separated from a shift of the position along the track; at constant speed not from one
+of the lever arm, even in turns. Navigation rows hold the state at GPS time (``output.gps_time``).
 Neglects: a user's own rows, odometers, barometers and magnetometers are taken at the IMU's tags.
 """
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, PSI, StateRecord
-from insgnss.gnss.range_model import Air
+from insgnss.gnss.range_model import EpochAtmosphere
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 
 @kernel(apart=True)
-def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, air: Air, t_ns: int) -> None:
+def clone_epoch(
+    m: StateRecord, P: Float64, par: Parameters, a: AntennaState, air: EpochAtmosphere, t_ns: int
+) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
     Equation: d r_a = d r_e + psi x l_e + C dl - v ds, so the clone is J dx with J = [I, -[l_e x], C, -v] in (position,

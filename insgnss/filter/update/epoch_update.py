@@ -29,13 +29,13 @@ from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, 
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import hold_contradicted
 from insgnss.filter.update.epoch_space import FilterWorkspace
-from insgnss.filter.update.far_prior import is_far, observe_nearer
+from insgnss.filter.update.far_prior import is_far, predict_nearer
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.judging import UpdateOutcome, gate_carriers, judge_rows
 from insgnss.filter.update.lasting_errors import epochs_of_an_error, follow_lasting_errors
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
-from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
@@ -89,9 +89,9 @@ def update_epoch(
     doubt_clock(m, P, par, since_last)
     swing_lever_arm(m, P, par, s.antenna[0], t_ns)
     follow_motion(m, P, par)
-    observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
+    predict_measurements(m, P, par, rows, epoch, w_ib_b, f_b, s)
     if is_far(P):
-        observe_nearer(bank, member, par, rows, epoch, imu, sample, work)
+        predict_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, drift_variance = s.vectors[0], P[DRIFT, DRIFT]
     place_slow_variances(bank, member, par, rows, epoch, lines)

@@ -21,7 +21,7 @@ from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLOCK, DR, DRIFT, N_CLONE, Bank, copy_matrix, copy_state
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.epoch_space import FilterWorkspace
-from insgnss.filter.update.observe import observe
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
@@ -42,7 +42,7 @@ def is_far(P: Float64) -> bool:
 
 
 @kernel(apart=True)
-def observe_nearer(
+def predict_nearer(
     bank: Bank,
     member: int,
     par: Parameters,
@@ -75,7 +75,7 @@ def observe_nearer(
     close_loop(nearer, correction, n - (N_CLONE if par.at_clone >= 0 else 0))
     if not is_sound(nearer, P):
         return
-    observe(nearer, P, par, rows, epoch, imu.w_ib_b[sample], imu.f_b[sample], s)
+    predict_measurements(nearer, P, par, rows, epoch, imu.w_ib_b[sample], imu.f_b[sample], s)
     for j in range(lines.shape[0]):
         line = lines[j]
         for kind in range(N_KINDS):

@@ -49,7 +49,7 @@ from insgnss.gnss.point.integrity import (
 )
 from insgnss.gnss.point.robust_fit import HIGHEST_M, LOWEST_M, spread
 from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings
-from insgnss.gnss.range_model import AIR_DTYPE, Air, place_air, slant_delay
+from insgnss.gnss.range_model import AIR_DTYPE, EpochAtmosphere, evaluate_atmosphere, slant_delay
 from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, MASKED_CN0, MASKED_ELEVATION, NO_SOLUTION, USED
 from insgnss.tables import Bool, Float64, Int64
@@ -132,9 +132,9 @@ def see_rows(
     """Write masks, delays and sigmas of the rows as seen from ``x``."""
     lat, lon, h = ecef_to_geodetic(x)
     ecef_to_ned_matrix(lat, lon, room.C_ne)
-    air: Air = room.air[0]
+    air: EpochAtmosphere = room.air[0]
     week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
-    place_air(air, lat, lon, h, week_s, settings.troposphere_factor, settings.weather)
+    evaluate_atmosphere(air, lat, lon, h, week_s, settings.troposphere_factor, settings.weather)
     u, seen = np.zeros(3), np.zeros(3)
     for j in range(k):
         i = room.at[j]

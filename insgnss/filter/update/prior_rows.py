@@ -11,7 +11,7 @@ import math
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import angular_acceleration, place_turning
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.delays import place_airs, row_delays
+from insgnss.filter.rows.delays import evaluate_atmospheres, row_delays
 from insgnss.filter.rows.lever_columns import place_lever
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.sensor_errors import whole_errors
@@ -67,7 +67,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
 
 
 @kernel(apart=True)
-def observe(
+def predict_measurements(
     m: StateRecord,
     P: Float64,
     par: Parameters,
@@ -86,7 +86,7 @@ def observe(
     interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
     place_turning(m, P, par, a)
     place_motion(m, P, par, a)
-    place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
+    evaluate_atmospheres(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
         row: Observation = rows.observation[i]
@@ -99,7 +99,7 @@ def observe(
             line.innovation[kind] = math.nan
         line.u_n[0] = math.nan
         if row.no_satellite == 0:
-            observe_row(m, par, rows, i, row, s, line)
+            predict_row(m, par, rows, i, row, s, line)
             for kind in range(N_KINDS):
                 if line.status[kind] == USED:
                     columns = line.columns[kind][: line.count[kind]]
@@ -107,7 +107,7 @@ def observe(
 
 
 @kernel(apart=True)
-def observe_row(
+def predict_row(
     m: StateRecord, par: Parameters, rows: GnssRows, i: int, row: Observation, s: EpochWorkspace, line: Line
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
