@@ -106,7 +106,7 @@ sv: satellite
 az_deg el_deg: direction from the local level: azimuth clockwise from north, elevation
 body_az_deg body_el_deg: direction from the airframe: azimuth from forward to the right, elevation against
   the body's own horizon
-gain_dbi: gain of the best antenna towards it, circularly polarised; empty where no antenna is described
+gain_dbi: gain of the best antenna towards it, for circular polarisation; empty where no antenna is described
 cn0_dbhz: C/N0 of the signal that was used, else of its first; empty where the log has none
 state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
 sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T);
@@ -184,7 +184,8 @@ state: what the receiver should do: track, hold, control_detection, resume, sear
 decision: whether antenna and airframe let it be seen: visible, hidden, or either while uncertain
 receiver: whether the receiver's log has a pseudorange: present, missing, not_known
 el_deg: elevation above the local level
-gain_dbi sd_gain_db: gain of the best antenna and its sigma, from that of the attitude
+gain_dbi sd_gain_db: gain of the best antenna, for circular polarisation, and its sigma, from that of the
+  attitude
 cn0_dbhz: expected C/N0
 pseudorange_m doppler_hz: what the receiver would measure, its clock included
 sd_range_m sd_range_rate_mps: sqrt(D), D = h P h^T of the prior: how well they are predicted

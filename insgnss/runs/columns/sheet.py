@@ -29,7 +29,7 @@ UNITS: Final[dict[str, str]] = {
     "deg": "°",
     "dbhz": "dB-Hz",
     "dbic": "dBic",
-    "dbi": "dBi",
+    "dbi": "dBic",  # of circular polarisation, as every gain here: gain_dbi keeps its former name
     "db": "dB",
     "hz": "Hz",
     "percent": "%",
@@ -61,13 +61,13 @@ class Sheet:
 
     def lines(self) -> list[tuple[list[Column], str]]:
         """Return the columns that share a meaning, and the meaning, in the table's order."""
-        told = []
+        lines = []
         whole = self.text.replace("\n  ", " ")  # an indented line goes on with the one before
         for line in filter(None, map(str.strip, whole.splitlines())):
             names, _, meaning = line.partition(":")
             columns = [Column(name, unit_of(name), meaning.strip()) for name in names.split()]
-            told.append((columns, meaning.strip()))
-        return told
+            lines.append((columns, meaning.strip()))
+        return lines
 
     def columns(self) -> list[Column]:
         """Return all columns."""
