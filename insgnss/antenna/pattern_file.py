@@ -233,7 +233,7 @@ def _level_poles(gain: Float64, path: Path) -> list[Event]:
     for row, pole in ((0, -90), (-1, 90)):
         spread = float(np.ptp(gain[row]))
         if spread > _POLE_SPREAD_DB:
-            told = f"{path}: gains at elevation {pole} deg differ by {spread:.3g} dB over azimuth: their mean is taken"
-            events.append(Event(None, "pattern_pole_averaged", told))
+            detail = f"{path}: gains at elevation {pole} deg differ by {spread:.3g} dB over azimuth: averaged"
+            events.append(Event(None, "pattern_pole_averaged", detail))
         gain[row] = float(gain[row].mean()) if spread > _POLE_SPREAD_DB else gain[row, 0]
     return events

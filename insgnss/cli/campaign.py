@@ -62,14 +62,14 @@ def campaign(
         table = with_parameters(summary(output, [name.strip() for name in by.split(",")]), config)
         failed = failures(output)
     if as_json:
-        told: dict[str, Any] = {
+        answer: dict[str, Any] = {
             "runs": done.n_runs,
             "cases": config.n_cases,
             "tasks": done.n_tasks,
             "tasks_found": done.n_found,
         }
-        told |= {"failed": len(failed), "lost": len(done.lost), "summary": records(table)}
-        print_json({**told, "failures": records(failed.head(_FAILURES_SHOWN)), "wrote": output})
+        answer |= {"failed": len(failed), "lost": len(done.lost), "summary": records(table)}
+        print_json({**answer, "failures": records(failed.head(_FAILURES_SHOWN)), "wrote": output})
         _end(done)
         return
     if not table.empty:

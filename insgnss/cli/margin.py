@@ -124,7 +124,7 @@ def margin(
             )
         console = result_console(quiet=as_json)
         if run is not None and emitters is not None:
-            told, written = _flown(console, run, emitters, output, form, step, pictures)
+            answer, written = _flown(console, run, emitters, output, form, step, pictures)
         else:
             loops, carrier = _loops(signal, discriminator, threshold, bandwidth, accumulation)
             drifts = _drifts(oscillator, imu, interval, carrier)
@@ -136,10 +136,12 @@ def margin(
             written = [] if output is None else [_saved(rows, output, form)]
             if output is not None and pictures:
                 written += _pictures(output, loops, drifts, carrier, cn0, found)
-            told = {"drift_rad2_per_s3": drifts, "loops": rows}
-            told |= {"simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]}
+            answer = {"drift_rad2_per_s3": drifts, "loops": rows}
+            answer |= {
+                "simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]
+            }
     if as_json:
-        print_json({**told, "wrote": [str(path) for path in written]})
+        print_json({**answer, "wrote": [str(path) for path in written]})
         return
     where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
@@ -350,11 +352,11 @@ def _flown(
     with telling("flying the run past the emitters"):
         study = flown_margin(Run.load(source), config, step_s=step)
     console.print(_flown_table(study))
-    told = study.events[~study.events["kind"].str.startswith("lock_lost")]
-    for _, event in told.iterrows():
+    events = study.events[~study.events["kind"].str.startswith("lock_lost")]
+    for _, event in events.iterrows():
         console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
     counts = study.in_lock()
-    found: dict[str, Any] = {"satellites": records(study.summary().reset_index()), "events": records(told)}
+    found: dict[str, Any] = {"satellites": records(study.summary().reset_index()), "events": records(events)}
     least_in_lock = {}
     for loop, words in (("unaided", "without"), ("aided", "with")):
         least = counts.iloc[int(counts[f"lock_{loop}"].to_numpy().argmin())]

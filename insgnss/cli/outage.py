@@ -102,8 +102,8 @@ def outage(
     if as_json:
         tables = {"windows": records(study.windows), "percentiles": records(study.percentiles)}
         skipped = [skipped._asdict() for skipped in study.skipped]
-        told = {"asked": dict(study.asked), **tables, "skipped": skipped, "took": dict(study.took)}
-        print_json({**told, "wrote": output})
+        answer = {"asked": dict(study.asked), **tables, "skipped": skipped, "took": dict(study.took)}
+        print_json({**answer, "wrote": output})
         return
     _print(study)
     where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
@@ -150,10 +150,10 @@ def _print(study: OutageStudy) -> None:
     for against in study.percentiles["against"].unique():
         console.print(_table(study, str(against)))
     back = study.windows["sd_back_s"].dropna()
-    told = f"median {back.median():.1f} s, longest {back.max():.1f} s" if len(back) else "in none"
+    times = f"median {back.median():.1f} s, longest {back.max():.1f} s" if len(back) else "in none"
     console.print(f"{len(study.windows)} windows without {study.asked['removal']}", highlight=False)
     console.print(
-        f"position sigma back within 10 % of the undisturbed one's: {told}"
+        f"position sigma back within 10 % of the undisturbed one's: {times}"
         f" ({len(back)} of {len(study.windows)} windows)",
         highlight=False,
     )

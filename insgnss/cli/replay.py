@@ -183,10 +183,10 @@ def _print_supervision(console: Console, run: Run) -> None:
     if run.transitions is None or run.search_times is None:
         return
     reasons = run.transitions["reason"].value_counts()
-    told = ", ".join(f"{reason} {count}" for reason, count in reasons.items() if count)
+    listed = ", ".join(f"{reason} {count}" for reason, count in reasons.items() if count)
     sums = run.search_times.drop(columns="sv").sum()
     searched = sums["search_s"] + sums["control_s"]
-    console.print(f"supervisor: {len(run.transitions)} transitions: {told or 'none'}", highlight=False)
+    console.print(f"supervisor: {len(run.transitions)} transitions: {listed or 'none'}", highlight=False)
     console.print(
         f"held {sums['hold_s']:.1f} s of {sums['predicted_s']:.1f} satellite seconds; in search {searched:.2f} s,"
         f" without the supervisor {sums['unsupervised_s']:.2f} s, {sums['unsupervised_in_vain_s']:.2f} s in vain",
@@ -224,9 +224,9 @@ def _accuracy_table(run: Run) -> Table:
         table.add_column(name, justify="right")
     columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_noise"]
     for label, row in summary.iterrows():
-        told = [f"{value:.3f}" for value in row[columns]]
+        cells = [f"{value:.3f}" for value in row[columns]]
         has_slow = f"sd_slow_{label}" in run.nav
-        table.add_row(_label(str(label)), *told[:-1], told[-1] if has_slow else "")
+        table.add_row(_label(str(label)), *cells[:-1], cells[-1] if has_slow else "")
     return table
 
 

@@ -86,12 +86,12 @@ def file_of(kind: str, named: str | Path, folder: Path = Path()) -> Path:
 
 def about(kind: str, name: str) -> str:
     """Return a model's description: its file's first comment, up to the first full stop that ends a line."""
-    told: list[str] = []
+    lines: list[str] = []
     for line in find(kind, name).read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#") or (told and told[-1].endswith((".", "?"))):
+        if not line.startswith("#") or (lines and lines[-1].endswith((".", "?"))):
             break
-        told.append(line.removeprefix("#").strip())
-    return " ".join(told)
+        lines.append(line.removeprefix("#").strip())
+    return " ".join(lines)
 
 
 def _suffix(kind: str) -> str:

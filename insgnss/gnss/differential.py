@@ -196,12 +196,12 @@ def _without_clock(
     wrong = np.flatnonzero(enough & ~sound)
     if len(wrong):
         names = ", ".join(sorted({base.sv_names[s] for s in base.sv[rows[wrong]]}))
-        told = f"{len(wrong)} correction(s) above {LARGEST_M:g} m refused: {names}"
-        events.append(Event(int(base.t_ns[rows[wrong[0]]]), "base_refused", told))
+        detail = f"{len(wrong)} correction(s) above {LARGEST_M:g} m refused: {names}"
+        events.append(Event(int(base.t_ns[rows[wrong[0]]]), "base_refused", detail))
     if np.any(~enough):
-        told = f"{int(np.sum(~enough))} row(s) of the base with fewer than {FEWEST_SATELLITES} satellites"
-        told += " of a constellation"
-        events.append(Event(int(base.t_ns[rows[np.flatnonzero(~enough)[0]]]), "base_too_few", told))
+        detail = f"{int(np.sum(~enough))} row(s) of the base with fewer than {FEWEST_SATELLITES} satellites"
+        detail += " of a constellation"
+        events.append(Event(int(base.t_ns[rows[np.flatnonzero(~enough)[0]]]), "base_too_few", detail))
     good = enough & sound
     return rows[good], correction[good], events
 

@@ -149,9 +149,9 @@ class Flight(ResultDisplay):
             detail = "gnss.lever_arm_m is not given: zero is assumed; measure the lever arm and give it"
             events.append(Event(None, "lever_arm_not_given", detail))
         further, found = read_further_antennas(config, logs.gnss)
-        sensors, told = self._sensors(imu)
+        sensors, more_events = self._sensors(imu)
         return FlightLogs(
-            *(imu, logs.gnss, logs.navigation, reference, events + found + told, {}),
+            *(imu, logs.gnss, logs.navigation, reference, events + found + more_events, {}),
             *(logs.products, logs.antennas, logs.base, further, sensors),
         )
 
@@ -175,7 +175,7 @@ class Flight(ResultDisplay):
         gnss = config.gnss
         antennas = () if gnss.antennas is None else (gnss.antennas,)
         base = () if gnss.base is None else gnss.base.files
-        told = () if gnss.receiver_events is None else (gnss.receiver_events,)
+        event_files = () if gnss.receiver_events is None else (gnss.receiver_events,)
         others = () if config.attitude is None else config.attitude.antenna
         further = tuple(path for antenna in others for path in antenna.files)
         satellites = (*gnss.files, *gnss.navigation, *gnss.precise, *antennas, *base, *further)
@@ -187,7 +187,7 @@ class Flight(ResultDisplay):
             self.path,
             *self.inertial_files(),
             *satellites,
-            *told,
+            *event_files,
             *patterns,
             *hiding,
             *reference,

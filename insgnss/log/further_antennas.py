@@ -41,8 +41,8 @@ def read_further_antenna(
     require_carrier(log.gnss, f"the log of antenna '{antenna.name}'", antenna.files[0])
     _require_overlap(config, antenna, log.gnss, main)
     channels = log.gnss.glonass_channels | config.gnss.glonass_channels
-    told = [replace(event, detail=f"antenna {antenna.name}: {event.detail}") for event in log.events]
-    return replace(log.gnss, glonass_channels=channels), told
+    events = [replace(event, detail=f"antenna {antenna.name}: {event.detail}") for event in log.events]
+    return replace(log.gnss, glonass_channels=channels), events
 
 
 def require_carrier(gnss: GnssTable, whose: str, file: object) -> None:

@@ -121,16 +121,16 @@ def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: 
     times = [_gps_ns(instant, path) for instant in product.epoch_instants]
     declared = product.declared_epoch_count
     if declared is not None and declared > len(times):
-        told = f"{path}: {len(times)} of {declared} epochs: the file is cut short"
-        found.events.append(Event(times[-1] if times else None, "precise_cut", told))
+        detail = f"{path}: {len(times)} of {declared} epochs: the file is cut short"
+        found.events.append(Event(times[-1] if times else None, "precise_cut", detail))
     orbit: dict[str, _Nodes] = {}
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
     undated = times.count(NO_DATE)
     if undated:
-        told = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
-        found.events.append(Event(None, "precise_damaged", told))
+        detail = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
+        found.events.append(Event(None, "precise_damaged", detail))
     for k, t_ns in enumerate(times):
         if t_ns == NO_DATE:
             continue
@@ -144,8 +144,8 @@ def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: 
             flagged += [(orbit, name, t_ns)] * flags.maneuver + [(clock, name, t_ns)] * flags.clock_event
     if predicted:
         used = "used" if use_predicted else "left out"
-        told = f"{path}: predicted values {used} from here on ({len(predicted)} records)"
-        found.events.append(Event(min(predicted), "precise_predicted", told))
+        detail = f"{path}: predicted values {used} from here on ({len(predicted)} records)"
+        found.events.append(Event(min(predicted), "precise_predicted", detail))
     _leave_out_flagged(flagged, path, found)
     _merge(found.orbit, orbit, 1.0, path, "orbit", found)
     _merge(found.sp3_clock, clock, C_MPS, path, "clock", found)
@@ -233,8 +233,8 @@ def _leave_out_flagged(
         of_one = nodes.get(name, {})
         for t in [t for t in of_one if 2 * abs(t - t_ns) <= WIDEST_STEP_NS]:
             del of_one[t]
-        told = f"{path}: {name}: manoeuvre or clock event; 11 min before and after are left out"
-        found.events.append(Event(t_ns, "precise_flagged", told))
+        detail = f"{path}: {name}: manoeuvre or clock event; 11 min before and after are left out"
+        found.events.append(Event(t_ns, "precise_flagged", detail))
 
 
 def _merge(
@@ -254,11 +254,11 @@ def _merge(
             farthest_m = max(farthest_m, metres * float(np.max(np.abs(nodes[t_ns] - known[t_ns]))))
         into[name] = nodes | known
     if repeated:
-        told = (
+        detail = (
             f"{path}: {len(repeated)} {what} node(s) are in an earlier file too, up to {farthest_m:.3f} m apart; "
             "the earlier file counts"
         )
-        found.events.append(Event(min(repeated), "precise_overlap", told))
+        found.events.append(Event(min(repeated), "precise_overlap", detail))
 
 
 # ---------------------------------------------------------------------------------------------------- RINEX clock
@@ -271,8 +271,8 @@ def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
         raise NavigationDataError(f"the clock file cannot be read: {error}", file=path) from error
     if product.diagnostic_count:
         first = product.diagnostics[0]
-        told = f"{path}:{first.line}: {product.diagnostic_count} line(s) not readable; left out"
-        found.events.append(Event(None, "precise_damaged", told))
+        detail = f"{path}:{first.line}: {product.diagnostic_count} line(s) not readable; left out"
+        found.events.append(Event(None, "precise_damaged", detail))
     clock: dict[str, _Nodes] = {}
     for series in product.series:
         if np.all(series.gps_seconds_valid):
@@ -343,8 +343,10 @@ def read_antennas(path: Path) -> tuple[SatelliteAntennas, list[Event]]:
     if not rows:
         raise InputError("no satellite antenna in the file", file=path, advice="give igs20.atx or the like")
     if without:
-        told = f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
-        events.append(Event(None, "antenna_not_used", told))
+        detail = (
+            f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
+        )
+        events.append(Event(None, "antenna_not_used", detail))
     names, first, last, offsets = zip(*rows, strict=True)
     antennas = SatelliteAntennas(
         names, np.array(first, np.int64), np.array(last, np.int64), np.stack(offsets)

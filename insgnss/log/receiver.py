@@ -85,8 +85,8 @@ def assembled(
             file=path,
             advice=advice,
         )
-    samples, told = most_samples(further)
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in (*events, *told)]
+    samples, more_events = most_samples(further)
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in (*events, *more_events)]
     if raw is None:
         return ReceiverLog(no_measurements(), None, imu, named, solution, further=samples)
     return ReceiverLog(raw.gnss, raw.navigation, imu, named + raw.events, solution, further=samples)

@@ -135,10 +135,10 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     names = list(comparison.differences)
     charts = [_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
     sigmas = [_sigma_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
-    told = [f"'{name}' is compared with '{comparison.first}'." for name in names]
-    told += [f"'{name}': {name_of(run)}, {len(run.nav)} rows." for name, run in comparison.runs.items()]
+    sentences = [f"'{name}' is compared with '{comparison.first}'." for name in names]
+    sentences += [f"'{name}': {name_of(run)}, {len(run.nav)} rows." for name, run in comparison.runs.items()]
     sections = [
-        Section("summary", "What is compared", before=paragraphs(told) + _settings_table(comparison)),
+        Section("summary", "What is compared", before=paragraphs(sentences) + _settings_table(comparison)),
         Section("statistics", "Statistics", before=_statistics_table(comparison)),
         Section("differences", "Differences over time", charts=charts),
         Section("sigma", "Sigma over time", charts=sigmas),

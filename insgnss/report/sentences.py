@@ -32,7 +32,7 @@ def figures(run: Run) -> list[tuple[str, str, str]]:
     """Return the numbers that a reader looks for first: name, value, and a word about it."""
     nav = run.nav
     span = float(nav["time_s"].iloc[-1]) - float(nav["time_s"].iloc[0])
-    told = [("Navigation", duration(span), f"{distance(way_m(nav))} travelled"), _position_figure(run)]
+    cards = [("Navigation", duration(span), f"{distance(way_m(nav))} travelled"), _position_figure(run)]
     known_s = run.heading_known_s()
     yaw = float(nav["sd_yaw_deg"].iloc[-1])
     after = (
@@ -40,17 +40,17 @@ def figures(run: Run) -> list[tuple[str, str, str]]:
         if known_s is None
         else f", known after {duration(max(known_s - float(nav['time_s'].iloc[0]), 0.0))}"
     )
-    told.append(("Heading", f"{number(yaw)}°", f"sigma at the end{after}"))
+    cards.append(("Heading", f"{number(yaw)}°", f"sigma at the end{after}"))
     counts = run.measurements["status"].value_counts()
     total = int(counts.sum())
     if total:
         share = 100.0 * int(counts.get("used", 0)) / total
-        told.append(("Measurements used", f"{share:.1f} %", f"of {total} in the log"))
+        cards.append(("Measurements used", f"{share:.1f} %", f"of {total} in the log"))
     nis = run.nis_summary()["mean_nis"]
     if len(nis):
         kinds = ", ".join(str(kind).replace("_", " ") for kind in nis.index)
-        told.append(("Mean NIS (1 is right)", " / ".join(f"{value:.2f}" for value in nis), kinds))
-    return told
+        cards.append(("Mean NIS (1 is right)", " / ".join(f"{value:.2f}" for value in nis), kinds))
+    return cards
 
 
 def _position_figure(run: Run) -> tuple[str, str, str]:
@@ -98,7 +98,7 @@ def name_and_utc(run: Run) -> str:
 
 def sentences(run: Run) -> list[str]:
     """Return the run in sentences, the most important first."""
-    told = [
+    lines = [
         _how_long(run),
         *_how_good(run),
         _heading(run),
@@ -106,7 +106,7 @@ def sentences(run: Run) -> list[str]:
         _measurements(run),
         *_consistency(run),
     ]
-    return [sentence for sentence in [*told, _trouble(run)] if sentence]
+    return [sentence for sentence in [*lines, _trouble(run)] if sentence]
 
 
 def _how_long(run: Run) -> str:
@@ -143,17 +143,17 @@ def _how_good(run: Run) -> list[str]:
     if errors["d_n_m"].notna().sum() == 0:
         return []
     offset = constant_offset(errors)
-    told = [f"Against the reference {_within(errors)}{since}."]
+    lines = [f"Against the reference {_within(errors)}{since}."]
     if offset is None:
-        return [*told, _honesty(errors), *_slow(errors)]
+        return [*lines, _honesty(errors), *_slow(errors)]
     about = errors.assign(**{f"d_{name}": errors[f"d_{name}"] - value for name, value in offset.items()})
     sides = zip(offset.values(), (("north", "south"), ("east", "west"), ("down", "up")), strict=True)
     told_offset = ", ".join(f"{number(abs(value))} m {words[value < 0.0]}" for value, words in sides)
-    told.append(
+    lines.append(
         f"Nearly all of it is one constant offset, {told_offset}: the reference may refer to another point or datum, or"
         f" either has errors that last for minutes. Without this offset {_within(about)}."
     )
-    return [*told, _honesty(about), *_slow(errors)]
+    return [*lines, _honesty(about), *_slow(errors)]
 
 
 def _slow(table: pd.DataFrame) -> list[str]:
@@ -235,12 +235,12 @@ def _measurements(run: Run) -> str:
 
 
 def _consistency(run: Run) -> list[str]:
-    told = []
+    lines = []
     for kind, row in run.nis_summary().iterrows():
         mean = float(row["mean_nis"])
         word = times_their_sigma(float(np.sqrt(mean)))
-        told.append(f"{str(kind).replace('_', ' ')} innovations {word} (mean NIS {mean:.2f})")
-    return [f"The {'; '.join(told)}."] if told else []
+        lines.append(f"{str(kind).replace('_', ' ')} innovations {word} (mean NIS {mean:.2f})")
+    return [f"The {'; '.join(lines)}."] if lines else []
 
 
 def _trouble(run: Run) -> str:

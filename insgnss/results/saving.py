@@ -288,8 +288,8 @@ def first_changed(folder: Path, names: Iterable[str]) -> Path | None:
     """
     entries = _entries(folder)
     for name in names:
-        told = entries.get(name, {}).get("sha256")
-        if told is not None and (folder / name).is_file() and told != _sha256(folder / name):
+        digest = entries.get(name, {}).get("sha256")
+        if digest is not None and (folder / name).is_file() and digest != _sha256(folder / name):
             return folder / name
     return None
 
@@ -305,8 +305,8 @@ def _commit(save: _Save, folder: Path, kind: str) -> None:
         path.name: {"kind": save.kinds.get(path.name, kind), "sha256": _sha256(path)}
         for path in sorted(save.new.iterdir())
     }
-    told = {"wrote": wrote, "removed": sorted(set(save.kinds) - set(wrote))}
-    (save.new / RECORD).write_text(json.dumps(told, indent=1), encoding="utf-8")
+    record = {"wrote": wrote, "removed": sorted(set(save.kinds) - set(wrote))}
+    (save.new / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
     with _locked(folder):
         _settle(folder)
         os.rename(save.new, folder / _PENDING)
@@ -316,10 +316,10 @@ def _commit(save: _Save, folder: Path, kind: str) -> None:
 def _entries(folder: Path) -> _Entries:
     """Return the record of the files in a folder; an unreadable record is empty."""
     try:
-        told: Any = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        record: Any = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    entries = told.items() if isinstance(told, dict) else ()
+    entries = record.items() if isinstance(record, dict) else ()
     return {str(name): entry for name, entry in entries if isinstance(entry, dict)}
 
 

@@ -21,7 +21,11 @@ class ResultDisplay:
         """Yield the result's properties, in a few words each: by default its plain values."""
         for name, value in _values(self):
             if isinstance(value, Mapping):
-                yield from (f"{key}={told!r}" for key, told in value.items() if isinstance(told, _PLAIN))
+                yield from (
+                    f"{key}={field_value!r}"
+                    for key, field_value in value.items()
+                    if isinstance(field_value, _PLAIN)
+                )
             elif isinstance(value, _PLAIN):
                 yield f"{name}={str(value) if isinstance(value, Path) else value!r}"
 

@@ -116,7 +116,7 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
     """
     convert = pyarrow.csv.ConvertOptions()
     if types is not None:
-        convert.column_types = {name: _arrow_type(told) for name, told in types.items()}
+        convert.column_types = {name: _arrow_type(kind) for name, kind in types.items()}
         convert.include_columns = list(types)
     table = pyarrow.csv.read_csv(
         pa.memory_map(os.fsencode(path)),
@@ -126,21 +126,21 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
     frame: pd.DataFrame = table.to_pandas()
     if types is None:
         return frame.astype(dict.fromkeys(frame.columns[frame.dtypes.map(is_string_dtype)], "category"))
-    for name, told in types.items():
-        unknown = set(frame[name].dropna()) - set(told) if isinstance(told, list) else set()
+    for name, kind in types.items():
+        unknown = set(frame[name].dropna()) - set(kind) if isinstance(kind, list) else set()
         if unknown:
             raise ValueError(f"'{min(unknown)}' is none of the words of '{name}'")
     return frame.astype(
         {
-            name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told
-            for name, told in types.items()
-            if told not in (_WORDS, "object")  # they are words already
+            name: pd.CategoricalDtype(pd.Index(kind, dtype="str")) if isinstance(kind, list) else kind
+            for name, kind in types.items()
+            if kind not in (_WORDS, "object")  # they are words already
         }
     )
 
 
-def _arrow_type(told: str | list[str]) -> pa.DataType:
+def _arrow_type(kind: str | list[str]) -> pa.DataType:
     """Return the type as which a column's cells are read, the widest of its kind."""
-    if isinstance(told, list) or told in (_WORDS, "object"):
+    if isinstance(kind, list) or kind in (_WORDS, "object"):
         return pa.string()
-    return {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}[np.dtype(told).kind]
+    return {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}[np.dtype(kind).kind]

@@ -90,8 +90,8 @@ def _against_each_other(
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
     track = solve_track(flight, gnss, logs.navigation)
     if track is not None:
-        told = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
-        more += [f for f in clock_findings(track) if not (told and f.kind == CLOCK_LEAPS)]
+        leaps = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
+        more += [f for f in clock_findings(track) if not (leaps and f.kind == CLOCK_LEAPS)]
     more += sensor_findings(read_sensor_logs(flight), track, logs.imu)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
@@ -178,9 +178,11 @@ def _with(flight: Flight, findings: list[Finding]) -> Flight:
     return corrected_flight(flight, [p for finding in findings for p in finding.proposals])
 
 
-def _accelerometer_findings(flight: Flight, declared: AxesDeclaration, told: list[Finding]) -> list[Finding]:
+def _accelerometer_findings(
+    flight: Flight, declared: AxesDeclaration, findings: list[Finding]
+) -> list[Finding]:
     """Return the accelerometers' unit where the reader could not take the log and did not name one."""
-    if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
+    if any(p.key == "imu.accel_unit" for finding in findings for p in finding.proposals):
         return []
     config = inertial(flight.config)
     units = fitting_accel_units(declared.imu, config)
@@ -214,8 +216,8 @@ def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
     if not hours:
         proposals = time_proposals(flight.config, round(shift / S_PER_WEEK), 0, 0, 0.0)
         return Finding("error", "flight", text, "", "sure: whole weeks", proposals)
-    told = " or ".join(str(s) for s in shifts)
-    advice = f"suspected imu.time.offset_s = {told}; a log with motion decides"
+    listed = " or ".join(str(s) for s in shifts)
+    advice = f"suspected imu.time.offset_s = {listed}; a log with motion decides"
     return Finding("error", "flight", text, advice)
 
 

@@ -97,10 +97,12 @@ class Engine(FilterEngine):
     @property
     def events(self) -> list[Event]:
         """All events so far, in the order of their time."""
-        told = super().events
+        all_events = super().events
         if isinstance(self._sink, AidingStream):
-            told = sorted(told + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns)
-        return told
+            all_events = sorted(
+                all_events + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns
+            )
+        return all_events
 
     def sensor(self, name: str, t_ns: int, values: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> None:
         """Take a reading of a further sensor of the flight file ([[sensor]]), at most ``latency_s`` late.

@@ -106,8 +106,8 @@ def row_corrections(
         if navigation is None:
             raise _no_coefficients(model)
         served = serving_models(navigation, model)
-        told = ", ".join(f"{letter} {name}" for letter, name in served.items())
-        events.append(Event(None, "ionosphere_models", told))
+        listed = ", ".join(f"{letter} {name}" for letter, name in served.items())
+        events.append(Event(None, "ionosphere_models", listed))
         place_ns, place_e = approximate_places(setup, setup.rows(logs.gnss, navigation))
         sat = setup.states(logs.gnss, navigation).sat
         delay = ionosphere_rows(logs.gnss, navigation, model, place_ns, place_e, sat)

@@ -77,8 +77,8 @@ class PointRun(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
-        told = writing("the solution", folder, "give another --output folder")
-        with told, saving(folder, FILES, "point solution") as new:
+        writing_files = writing("the solution", folder, "give another --output folder")
+        with writing_files, saving(folder, FILES, "point solution") as new:
             for name in TABLES:
                 write_table(new, name, getattr(self, name), format)
             text = json.dumps(self.settings, indent=1, default=str)

@@ -263,12 +263,12 @@ def _prepared(
     # several antennas look at the log as a whole
     most_rows = MOST_ROWS if flight.config.attitude is None else None
     blocks, found = row_blocks(setup, logs, flight, most_rows)
-    setup, ledger, told = with_antennas(setup, logs, flight, blocks[0])
-    found = found + told
+    setup, ledger, more_events = with_antennas(setup, logs, flight, blocks[0])
+    found = found + more_events
     supervised = None
     if supervise:
-        supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
-        found = found + told
+        supervised, more_events = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
+        found = found + more_events
     events = logs.events + installed(flight)[1] + refused_messages(logs.navigation) + found
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)

@@ -173,9 +173,11 @@ def _from_parquet(path: Path) -> pd.DataFrame:
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
-    told = path.parent / COLUMN_TYPES
+    types_file = path.parent / COLUMN_TYPES
     try:
-        types = json.loads(told.read_text(encoding="utf-8"))[path.stem] if told.is_file() else None
+        types = (
+            json.loads(types_file.read_text(encoding="utf-8"))[path.stem] if types_file.is_file() else None
+        )
         return read_csv(path, types)
     except (
         OSError,
@@ -194,8 +196,10 @@ def _from_csv(path: Path) -> pd.DataFrame:
 
 
 def _damaged(path: Path, error: Exception) -> NoReturn:
-    told = (str(error) or type(error).__name__).splitlines()[0]
-    raise ResultError(f"the file is damaged: {told}", file=path, advice=_replay_again(path.parent)) from error
+    reason = (str(error) or type(error).__name__).splitlines()[0]
+    raise ResultError(
+        f"the file is damaged: {reason}", file=path, advice=_replay_again(path.parent)
+    ) from error
 
 
 def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
@@ -255,8 +259,8 @@ def _check_numbers(table: pd.DataFrame, name: str, path: Path) -> None:
     if name not in _LARGEST or path.stem not in ("nav", "measurements"):
         bad &= ~np.isnan(values)  # an empty cell; an event of a whole file has no time
     if bad.any():
-        told = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
-        raise ResultError(told, file=path, column=name, advice=_replay_again(path.parent))
+        detail = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
+        raise ResultError(detail, file=path, column=name, advice=_replay_again(path.parent))
 
 
 def _settings(path: Path) -> dict[str, Any]:

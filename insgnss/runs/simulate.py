@@ -150,8 +150,8 @@ def simulate(
         key = ("manoeuvre", error.entry)
         line = line_of(key, key_lines(path.read_text(encoding="utf-8-sig")))
         kind = config.manoeuvre[error.entry].kind
-        told = f"manoeuvre {error.entry + 1} ({kind}): {error.message}"
-        raise ConfigError(told, file=path, line=line, key="manoeuvre", advice=error.advice) from None
+        message = f"manoeuvre {error.entry + 1} ({kind}): {error.message}"
+        raise ConfigError(message, file=path, line=line, key="manoeuvre", advice=error.advice) from None
     except ConfigError as error:
         if error.file is None:
             error = _in_file(error, path)
@@ -194,10 +194,10 @@ def _inputs(config: SimulationConfig, folder: Path) -> Inputs:
 
 
 def _reference(follow: LoggedReference, week: int, folder: Path) -> ReferenceTable:
-    told = Reference(
+    declared = Reference(
         file=folder / follow.file, columns=follow.columns, time=follow.time, decimal=follow.decimal
     )
-    reference, _ = read_reference(told, week)
+    reference, _ = read_reference(declared, week)
     first, last = (
         np.iinfo(np.int64).min if follow.from_s is None else int(week_seconds_to_ns(week, follow.from_s)),
         np.iinfo(np.int64).max if follow.to_s is None else int(week_seconds_to_ns(week, follow.to_s)),

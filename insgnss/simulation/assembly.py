@@ -221,17 +221,17 @@ def _oscillator(config: SimulationConfig, folder: Path) -> Oscillator:
 
 
 def _spectrum(
-    told: Vibration, density: tuple[float, ...], lines: tuple[tuple[float, float], ...], unit: float
+    vibration: Vibration, density: tuple[float, ...], lines: tuple[tuple[float, float], ...], unit: float
 ) -> VibrationSpectrum | None:
     if not density and not lines:
         return None
-    corners = told.frequency_hz if density else ()
+    corners = vibration.frequency_hz if density else ()
     return VibrationSpectrum(
         corners,
         tuple(value * unit**2 for value in density),
         tuple((f, size * unit) for f, size in lines),
-        told.from_s,
-        told.end_s,
+        vibration.from_s,
+        vibration.end_s,
     )
 
 

@@ -36,10 +36,10 @@ class TrackingRules:
         begins[0] = False
         first = tracked & (np.cumsum(tracked, axis=0) == 1)
         lost = begins & ~first
-        slips, told = self._slips(seen.tag_s, tracked, rng)
+        slips, indicated = self._slips(seen.tag_s, tracked, rng)
         size = MOST_AMBIGUITY_CYCLES
         added = np.where(lost, rng.integers(-size, size, lost.shape), slips)
-        lli = np.where(lost | told, seen.lli | LLI_SLIP, seen.lli).astype(np.int8)
+        lli = np.where(lost | indicated, seen.lli | LLI_SLIP, seen.lli).astype(np.int8)
         return replace(seen, carrier_cycles=seen.carrier_cycles + np.cumsum(added, axis=0), lli=lli)
 
     def tracked(self, tag_s: Float64, received: Bool) -> Bool:

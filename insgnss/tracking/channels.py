@@ -272,10 +272,10 @@ class ChannelSimulation:
             truth = Truth(
                 self.scene.phase_rad[borders], self.scene.delay_chips[borders], a, self.scene.sign[inside]
             )
-            told = Aid(aid.rate_radps[borders], aid.acceleration_radps2[borders])
+            part = Aid(aid.rate_radps[borders], aid.acceleration_radps2[borders])
             drawn = np.stack([rng.standard_normal((last - first, N_NOISE)) for rng in noise], axis=1)
             written = np.empty((last - first, len(channels), N_OUT))
-            run_channels(truth, told, gains, drawn, state, Z, written)
+            run_channels(truth, part, gains, drawn, state, Z, written)
             out[first:last, channels] = written
             if progress is not None:
                 progress((last - first) * len(channels))
@@ -285,9 +285,9 @@ class ChannelSimulation:
         m, T = self.scene.shape[1], self.design.step_s
         phase, delay = self.scene.phase_rad[:2], self.scene.delay_chips[:2]
         state = np.zeros((m, N_STATE))
-        told = 0.5 * (aid.rate_radps[0] + aid.rate_radps[1])
+        mean_rate = 0.5 * (aid.rate_radps[0] + aid.rate_radps[1])
         state[:, 0] = phase.mean(axis=0) + np.asarray(self.start.phase_rad, float)
-        left = (phase[1] - phase[0]) / T - told
+        left = (phase[1] - phase[0]) / T - mean_rate
         if self.start.rate_radps is not None:
             state[:, 1] = left + np.asarray(self.start.rate_radps, float)
         else:

@@ -129,8 +129,10 @@ def accumulated_ranges(
     satellite_v = _finite("satellite_velocities", satellite_velocities, u.shape)
     v = _finite("velocities", velocities, (count, 3))
     a = _finite("accelerations", accelerations, (count, 3))
-    told = np.asarray(clock_drift_mps, float)
-    drift = _finite("clock_drift_mps", np.full(count, told) if told.ndim == 0 else told, (count,))
+    drift_mps = np.asarray(clock_drift_mps, float)
+    drift = _finite(
+        "clock_drift_mps", np.full(count, drift_mps) if drift_mps.ndim == 0 else drift_mps, (count,)
+    )
     ranges = np.zeros(u.shape[:2])
     accumulate_ranges(RULES.index(rule), (u, satellite_v), (v, a, drift), step_s, ranges)
     return ranges

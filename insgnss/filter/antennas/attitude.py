@@ -313,9 +313,9 @@ class AttitudeAid:
         """Return the whole cycles of open differences, whether the prediction makes them certain, or contradicts."""
         whole, sigma = np.rint(v / d.wavelength_m), np.sqrt(S)
         certain = _ROUNDING_SIGMAS * sigma < 0.5 * d.wavelength_m
-        told = (d.clock < 0) | np.isin(d.clock, d.clock[trusted])  # its clock is known
+        is_known = (d.clock < 0) | np.isin(d.clock, d.clock[trusted])  # its clock is known
         near = np.abs(v - whole * d.wavelength_m) < self.data.gate_sigma * sigma
-        certain = ~known & certain & told
+        certain = ~known & certain & is_known
         return whole, certain & near, certain & ~near
 
     def _judge(
@@ -333,8 +333,8 @@ class AttitudeAid:
             memory.refused[key] = memory.refused.get(key, 0) + 1
             if whole and abs(v[i] - whole * wave) < self.data.gate_sigma * sigma < 0.5 * wave:
                 wrong.append(int(i))
-                told = f"{whole:+d} cycle(s) against the attitude; not used, resolved again"
-                self._tell(t_ns, "attitude_cycles_wrong", f"{self._named(key)}: {told}")
+                wrong_by = f"{whole:+d} cycle(s) against the attitude; not used, resolved again"
+                self._tell(t_ns, "attitude_cycles_wrong", f"{self._named(key)}: {wrong_by}")
                 del memory.cycles[key]
             elif memory.refused[key] >= _REFUSED_EPOCHS:
                 del memory.cycles[key]

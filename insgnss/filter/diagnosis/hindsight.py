@@ -308,7 +308,7 @@ class Hindsight:
         self, bank: Bank, stop_ns: int, stretches: EpochRanges | None = None, imu: ImuSamples | None = None
     ) -> list[EpochLog] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
-        told: list[EpochLog] = []
+        epochs: list[EpochLog] = []
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
             now_ns = int(bank.head[0].now_ns)
@@ -322,8 +322,8 @@ class Hindsight:
                 return None
             slot = rows.observation["slot"]
             for t_ns, i, j in zip(rows.epoch_ns, rows.first[:-1], rows.first[1:], strict=True):
-                told.append(EpochLog(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
-        return told
+                epochs.append(EpochLog(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
+        return epochs
 
     def either(self, likely: Iterable[Verdict]) -> list[Verdict]:
         """Return the results where both sensors are suspect, for as long as it is not clear which one it is.

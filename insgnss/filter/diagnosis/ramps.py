@@ -180,17 +180,19 @@ def _shown(
     Equation: y' = y + g dx, dx the least-squares change of antenna and clock that the other rows' innovations show
     Neglects: that a constellation's own clock offset may have changed, too.
     """
-    told = [k for k, epoch in enumerate(base) if len(epoch.slot)]
-    sizes = [len(base[k].slot) for k in told]
-    t_s, since_s = (np.repeat([base[k].t_ns / NS_PER_S for k in at], sizes) for at in (told, _before(told)))
-    satellite_of = np.concatenate([base[k].slot for k in told]) // N_BANDS
-    u_n = np.concatenate([base[k].ledger["u_n"] for k in told])
+    epochs = [k for k, epoch in enumerate(base) if len(epoch.slot)]
+    sizes = [len(base[k].slot) for k in epochs]
+    t_s, since_s = (
+        np.repeat([base[k].t_ns / NS_PER_S for k in at], sizes) for at in (epochs, _before(epochs))
+    )
+    satellite_of = np.concatenate([base[k].slot for k in epochs]) // N_BANDS
+    u_n = np.concatenate([base[k].ledger["u_n"] for k in epochs])
     G = np.column_stack((-u_n, np.ones(len(u_n))))
-    step_s = np.repeat(_steps_s(base)[told], sizes)
+    step_s = np.repeat(_steps_s(base)[epochs], sizes)
     shown = []
     for kind in range(N_KINDS if len(base[-1].carrier) else CARRIER):
-        before = KindColumns(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in told), strict=True)))
-        after = np.concatenate([without[k].of_kind(kind).innovation for k in told])
+        before = KindColumns(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in epochs), strict=True)))
+        after = np.concatenate([without[k].of_kind(kind).innovation for k in epochs])
         own = (satellite_of == satellite) & np.any(used_and_refused(before.status), axis=0)
         if not own.any():
             continue
@@ -209,8 +211,8 @@ def _before(epochs: list[int]) -> list[int]:
 
 def _common_change(G: Float64, moved: Float64, sizes: list[int]) -> Float64:
     """Return the least-squares dx (epochs, 4) of each epoch's rows: moved = G dx, rows without a number left out."""
-    told = np.isfinite(moved)
-    G, moved = np.where(told[:, None], G, 0.0), np.where(told, moved, 0.0)
+    is_known = np.isfinite(moved)
+    G, moved = np.where(is_known[:, None], G, 0.0), np.where(is_known, moved, 0.0)
     first = np.cumsum([0, *sizes[:-1]])
     N = np.add.reduceat(G[:, :, None] * G[:, None, :], first) + _RIDGE * np.eye(4)
     return np.asarray(np.linalg.solve(N, np.add.reduceat(G * moved[:, None], first)[..., None])[..., 0])

@@ -84,7 +84,7 @@ class RecoveryTest:
         twin = copy.copy(self)
         twin.bank = copy_bank(self.bank)
         twin.ranges, twin.filter_fits = dict(self.ranges), list(self.filter_fits)
-        twin.fits = {member: list(told) for member, told in self.fits.items()}
+        twin.fits = {member: list(ranges) for member, ranges in self.fits.items()}
         return twin
 
     def take(
@@ -160,14 +160,14 @@ class RecoveryTest:
     def _fails(self, members: Int64) -> bool:
         """Return whether the copies do not fit either: a newer fix is needed."""
         return any(
-            len(told) >= _LATE and not any(told[-_LATE:])
-            for told in (self.fits.get(int(i), []) for i in members)
+            len(ranges) >= _LATE and not any(ranges[-_LATE:])
+            for ranges in (self.fits.get(int(i), []) for i in members)
         )
 
     def _is_away(self, elapsed_s: float, members: Int64, filter_bank: Bank) -> bool:
         """Return whether the filter is at another place: no pseudorange fits it, or a copy contradicts it for long."""
-        told = [self.ranges[int(i)] for i in members if int(i) in self.ranges]
-        enough = any(share >= _FITTING_RANGES and count >= _ENOUGH_RANGES for share, count in told)
+        ranges = [self.ranges[int(i)] for i in members if int(i) in self.ranges]
+        enough = any(share >= _FITTING_RANGES and count >= _ENOUGH_RANGES for share, count in ranges)
         ranges_fit = max(share for _, share in self.filter_fits[-_LATE:])
         nowhere = elapsed_s >= _LOST_RANGES_S and ranges_fit < _LOST_RANGES and enough
         return nowhere or self._confirmed(elapsed_s, members, filter_bank)

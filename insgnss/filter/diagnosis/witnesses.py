@@ -100,8 +100,8 @@ def singles(written: list[EpochLog], since_ns: int) -> list[tuple[int, ...]]:
 
 def most_satellites(written: list[EpochLog]) -> int:
     """Return how many satellites may be left out: five must be left that agree, or they agree on anything."""
-    told = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
-    in_view = len({int(slot) // N_BANDS for slots in told for slot in slots})
+    used_slots = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
+    in_view = len({int(slot) // N_BANDS for slots in used_slots for slot in slots})
     return min(MOST_SATELLITES, in_view - LEAST_AGREEING)
 
 
@@ -122,8 +122,8 @@ def _often_far_off(written: list[EpochLog]) -> list[tuple[int, ...]]:
     often: Counter[int] = Counter()
     for epoch in written:
         status = epoch.ledger["status"][:, RANGE_RATE]
-        told = (status == USED) | (status == GATED)
-        ledger, slot = epoch.ledger[told], epoch.slot[told]
+        is_judged = (status == USED) | (status == GATED)
+        ledger, slot = epoch.ledger[is_judged], epoch.slot[is_judged]
         far = ledger["innovation"][:, RANGE_RATE] ** 2 > _FAR2 * ledger["variance"][:, RANGE_RATE]
         often.update(int(number) for number in np.unique(slot[far] // N_BANDS))
     names = [number for number, count in often.most_common(MOST_SATELLITES) if count >= FEW]
@@ -171,12 +171,12 @@ def tag_error_s(epochs: tuple[tuple[EpochLog, GnssRows], ...]) -> float:
     above = below = 0.0
     for written, rows in epochs:
         status = written.ledger["status"][:, 0]
-        told = (status == USED) | (status == GATED)
-        rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[told]
-        y = written.ledger["innovation"][told, 0]
-        told = np.isfinite(rate) & np.isfinite(y)
-        if np.sum(told) > LEAST_AGREEING:
-            apart = rate[told] - rate[told].mean()
-            above -= float(apart @ y[told])
+        is_judged = (status == USED) | (status == GATED)
+        rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[is_judged]
+        y = written.ledger["innovation"][is_judged, 0]
+        is_judged = np.isfinite(rate) & np.isfinite(y)
+        if np.sum(is_judged) > LEAST_AGREEING:
+            apart = rate[is_judged] - rate[is_judged].mean()
+            above -= float(apart @ y[is_judged])
             below += float(apart @ apart)
     return above / below if below > 0.0 else 0.0

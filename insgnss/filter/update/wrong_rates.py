@@ -80,13 +80,13 @@ def leave_out_rates(m: StateRecord, lines: Lines, t_ns: int) -> None:
     """Refuse an epoch's range rates if all have been found wrong; they stay out while many do not fit."""
     if m.rates_out_ns <= t_ns:
         return
-    told, far = 0, 0
+    n_known, far = 0, 0
     for j in range(lines.shape[0]):
         line = lines[j]
         if line.status[RANGE_RATE] == USED:
             variance = line.predicted[RANGE_RATE] + line.variance[RANGE_RATE]
-            told += 1
+            n_known += 1
             far += 0 if line.innovation[RANGE_RATE] ** 2 <= _UNFIT2 * variance else 1
             line.status[RANGE_RATE] = DRIFTING
-    if 3 * far > told:
+    if 3 * far > n_known:
         m.rates_out_ns = max(m.rates_out_ns, t_ns + RATES_OUT_NS)

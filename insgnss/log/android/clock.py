@@ -97,7 +97,7 @@ def _discontinuities(stretch: Int64, known: Bool, t_ns: Int64, count: Int64) -> 
 
 
 def corrected_by_satellites(
-    clock: ReceiverClock, travel_ns: Float64, told: Bool
+    clock: ReceiverClock, travel_ns: Float64, is_known: Bool
 ) -> tuple[ReceiverClock, Int64]:
     """Return the clock with the tags of stretches moved whose signals would take an impossible time.
 
@@ -105,7 +105,7 @@ def corrected_by_satellites(
     ----------
     clock : as logged by the phone
     travel_ns : (n,) from transmission to reception with that clock, negative where it is early
-    told : (n,) rows whose time of transmission is known by the day or the week
+    is_known : (n,) rows whose time of transmission is known by the day or the week
 
     Returns
     -------
@@ -113,10 +113,10 @@ def corrected_by_satellites(
     """
     shift = np.zeros(len(travel_ns), np.int64)
     events = list(clock.events)
-    for number in np.unique(clock.stretch[told]).tolist():
+    for number in np.unique(clock.stretch[is_known]).tolist():
         inside = clock.stretch == number
-        median = float(np.median(travel_ns[inside & told]))
-        mended = travel_ns[inside & told] - median + _USUAL_NS
+        median = float(np.median(travel_ns[inside & is_known]))
+        mended = travel_ns[inside & is_known] - median + _USUAL_NS
         agree = float(np.mean((mended > _SHORTEST_NS) & (mended < _LONGEST_NS)))
         if _SHORTEST_NS < median < _LONGEST_NS or abs(median) > _LARGEST_ERROR_NS or agree < 0.5:
             continue

@@ -46,22 +46,22 @@ def read_android(path: Path) -> ReceiverLog:
     events += refused_lines("Raw", raw)
     found = cells(kinds.get("Fix", AndroidLines()))
     clock = PhoneClock(raw, receiver, found)
-    imu, told = inertial(kinds, clock)
+    imu, more_events = inertial(kinds, clock)
     if not len(gnss.t_ns) and imu is None:
-        why = "; ".join(event.detail for event in events + told)
+        why = "; ".join(event.detail for event in events + more_events)
         raise InputError(
             f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
             file=path,
             advice="switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger",
         )
     samples, of_samples = further(kinds, clock)
-    told += of_samples
+    more_events += of_samples
     read = {"Raw", "Fix", *INERTIAL_KINDS, *(one.source for one in samples)}
     other = {kind: len(lines.texts) for kind, lines in kinds.items() if kind not in read and lines.texts}
     if other:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
-        told.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
-    told += refused_lines("Fix", found)
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
+        more_events.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
+    more_events += refused_lines("Fix", found)
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events]
     navigation = coefficients(raw)
     return ReceiverLog(gnss, navigation, imu, named, fixes(found), imu_axes=_FLAT, further=tuple(samples))

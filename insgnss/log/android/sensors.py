@@ -102,8 +102,8 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
             detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
             events.append(Event(None, "imu_time_unknown", detail))
         samples.append((t_ns[timed], values[timed]))
-    imu, told = paired(*samples[0], *samples[1], "phone")
-    return imu, events + told
+    imu, more_events = paired(*samples[0], *samples[1], "phone")
+    return imu, events + more_events
 
 
 def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[FurtherSamples], list[Event]]:
@@ -123,9 +123,9 @@ def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[Fur
         found = cells(kinds[kind])
         events += refused_lines(kind, found)
         t_ns, timed = clock.times(found)
-        samples, told = further_samples(of, kind, t_ns, _vectors(found, columns), timed)
+        samples, more_events = further_samples(of, kind, t_ns, _vectors(found, columns), timed)
         tables += samples
-        events += told
+        events += more_events
     return tables, events
 
 

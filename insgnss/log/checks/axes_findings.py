@@ -34,8 +34,8 @@ def axes_findings(declared: AxesDeclaration, found: list[VehicleAxes], match: Ma
     match : the search they come from
     """
     best, near = found[0], _near(found)
-    told = [_told(axes) for axes in (best, *near)]
-    beyond = min(match.gap, min((axes.cost for axes in found if _told(axes) not in told), default=np.inf))
+    labels = [_told(axes) for axes in (best, *near)]
+    beyond = min(match.gap, min((axes.cost for axes in found if _told(axes) not in labels), default=np.inf))
     shown = _directions(best, beyond - best.cost)
     if best.rank == 0:
         return [_fitting(best, near, shown)]

@@ -162,8 +162,8 @@ def _read_messages(
 def _channels(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> dict[str, int]:
     """Return the GLONASS channels from messages, flight file or log, in this order of trust."""
     states = None if navigation is None else navigation.state_vectors
-    told = {} if states is None else dict(zip(states.sv_names, states.channel.tolist(), strict=True))
-    known = {name: channel for name, channel in told.items() if channel in CHANNELS}
+    channels = {} if states is None else dict(zip(states.sv_names, states.channel.tolist(), strict=True))
+    known = {name: channel for name, channel in channels.items() if channel in CHANNELS}
     return gnss.glonass_channels | flight.config.gnss.glonass_channels | known
 
 

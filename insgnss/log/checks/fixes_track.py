@@ -112,15 +112,15 @@ def _lag_findings(label: str, lag: VelocityLag | None) -> list[Finding]:
     """Return the finding on the velocities' tags against those of the fixes."""
     if lag is None:
         return []
-    told = f"sigma {lag.sigma_s:.3f} s"
+    sigma_text = f"sigma {lag.sigma_s:.3f} s"
     if not lag.is_sure:
         fit = f"its tags fit the position fixes: offset {lag.offset_s:+.3f} s"
         unknown = "the position fixes do not show whether the velocities are late"
-        return [Finding("ok", label, f"{fit if lag.sigma_s <= _KNOWN_S else unknown}, {told}")]
+        return [Finding("ok", label, f"{fit if lag.sigma_s <= _KNOWN_S else unknown}, {sigma_text}")]
     side = "late" if lag.offset_s < 0.0 else "early"
     text = f"the velocities are {abs(lag.offset_s):.3f} s {side} against the position fixes"
     advice = (
         f"add {lag.offset_s:+.3f} s by its time.offset_s: a receiver's velocities may be means over an epoch"
     )
-    sure = f"sure: {told}, log likelihood {lag.log_likelihood:.0f} above no offset"
+    sure = f"sure: {sigma_text}, log likelihood {lag.log_likelihood:.0f} above no offset"
     return [Finding("warning", label, text, advice, sure)]

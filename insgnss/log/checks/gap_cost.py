@@ -73,11 +73,11 @@ def gap_findings(imu: ImuTable | None, gnss_ns: Int64, grade: ImuGrade, week: in
         for start, length_s in _longest(epochs, GNSS_GAP_STEPS * float(np.median(np.diff(epochs)))):
             sd_v, sd_r = outage_sigmas(grade, length_s)
             findings.append(Finding("ok", "gaps", _text("GNSS", length_s, start, week, sd_v, sd_r)))
-    told = []
+    parts = []
     for length_s in EXAMPLES_S:
         sd_v, sd_r = outage_sigmas(grade, length_s)
-        told.append(f"{length_s:.0f} s: {_about(sd_v)} m/s, {_about(sd_r)} m")
-    text = f"without GNSS this grade's sigma grows to, after {'; after '.join(told)} (per horizontal axis)"
+        parts.append(f"{length_s:.0f} s: {_about(sd_v)} m/s, {_about(sd_r)} m")
+    text = f"without GNSS this grade's sigma grows to, after {'; after '.join(parts)} (per horizontal axis)"
     return [*findings, Finding("ok", "gaps", text)]
 
 

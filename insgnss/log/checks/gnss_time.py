@@ -68,11 +68,15 @@ def gnss_time_findings(
     if len(found) == 1:
         return [_finding(flight, found[0], gnss, sure)]
     text = "no position fits the pseudoranges with the time tags as logged"
-    told = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
+    alternatives = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
     if float(np.median(count[enough])) < PLENTY:
-        return [Finding("warning", "gnss", text + told, "with so few satellites the masks may leave too few")]
+        return [
+            Finding(
+                "warning", "gnss", text + alternatives, "with so few satellites the masks may leave too few"
+            )
+        ]
     advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
-    return [Finding("error", "gnss", text + told, advice)]
+    return [Finding("error", "gnss", text + alternatives, advice)]
 
 
 def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:

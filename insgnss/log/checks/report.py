@@ -60,8 +60,10 @@ class Finding:
         """Return the finding on one line, the advice and the proposed keys after an arrow."""
         sure = f" ({self.sure})" if self.sure else ""
         proposed = "proposed: " + ", ".join(p.text() for p in self.proposals) if self.proposals else ""
-        told = "; ".join(part for part in (self.advice, proposed) if part)
-        return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{sure}" + (f" -> {told}" if told else "")
+        advice = "; ".join(part for part in (self.advice, proposed) if part)
+        return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{sure}" + (
+            f" -> {advice}" if advice else ""
+        )
 
 
 @dataclass(frozen=True, repr=False)

@@ -75,8 +75,8 @@ def read_sensor_logs(flight: Flight) -> list[SensorLogRead]:
 
 def _read(config: Sensor, week: int) -> SensorLogRead:
     if not config.files:
-        told = Finding("ok", config.label, "has no log: its values come live")
-        return SensorLogRead(config, None, [told])
+        no_log = Finding("ok", config.label, "has no log: its values come live")
+        return SensorLogRead(config, None, [no_log])
     try:
         table, events = read_sensor(config, week)
     except InsGnssError as error:
@@ -156,33 +156,33 @@ def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
         return [Finding("ok", config.label, "the vehicle does not move: not compared with GNSS")]
     z, speed = common.values[moving, 0], common.speed[moving]
     factor = float(np.median(z / speed))
-    told = []
+    remarks = []
     if not 1.0 / _FACTOR < abs(factor) < _FACTOR:
         units = [u for u in ("m/s", "km/h", "mph", "kn") if config.metres_per_count is None]
         fits = [u for u in units if abs(abs(factor) * SI_PER_UNIT[u] / SI_PER_UNIT[config.unit] - 1.0) < 0.05]
-        told.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
+        remarks.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
     if factor < 0.0 or (np.abs(z).sum() > 2.0 * np.abs(z.sum())):
-        told.append("its sign is against the motion: is it mounted or counted backwards?")
+        remarks.append("its sign is against the motion: is it mounted or counted backwards?")
     gnss = common.gnss
     ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
-    told += _shift(common, np.abs(common.values[:, 0] / factor), lambda t: np.interp(t, gnss.t_s, ground))
-    return [_judged(config, f"{factor:.3f} times the speed by GNSS", told)]
+    remarks += _shift(common, np.abs(common.values[:, 0] / factor), lambda t: np.interp(t, gnss.t_s, ground))
+    return [_judged(config, f"{factor:.3f} times the speed by GNSS", remarks)]
 
 
 def _barometer(config: Any, common: _SampledTrack) -> list[Finding]:
     z, h = common.values[:, 0], common.place[:, 2]
     offset = float(np.median(z - h))
     text = f"{offset:+.0f} m against the height by GNSS"
-    told = []
+    remarks = []
     if np.ptp(h) > _CLIMB_M:
         slope = float(np.polyfit(h, z, 1)[0])
         text += f", {slope:.2f} m per metre"
         if not 0.8 < slope < 1.25:
-            told.append("its height does not follow: check its unit (hPa, Pa, kPa, m, ft) and its sign")
-        told += _shift(common, z, lambda t: np.interp(t, common.gnss.t_s, common.gnss.place[:, 2]))
+            remarks.append("its height does not follow: check its unit (hPa, Pa, kPa, m, ft) and its sign")
+        remarks += _shift(common, z, lambda t: np.interp(t, common.gnss.t_s, common.gnss.place[:, 2]))
     if abs(offset) > 4.0 * config.offset_sigma_m:
-        told.append("the offset is beyond its sigma: check its unit, or give a larger offset_sigma_m")
-    return [_judged(config, text, told)]
+        remarks.append("the offset is beyond its sigma: check its unit, or give a larger offset_sigma_m")
+    return [_judged(config, text, remarks)]
 
 
 def _heading_against_course(
@@ -195,14 +195,14 @@ def _heading_against_course(
     away, spread = _mean_turn(heading[moving] - course)
     _, reversed_spread = _mean_turn(-heading[moving] - course)
     text = f"{away:+.1f} deg against the course of GNSS, spread {spread:.1f} deg"
-    told = []
+    remarks = []
     if reversed_spread < 0.3 * spread:
-        told.append("it turns the other way: check its sign or axes")
+        remarks.append("it turns the other way: check its sign or axes")
     elif spread > 2.0 * _TURN_DEG:
-        told.append("it does not follow the course: check its unit, axes and time")
+        remarks.append("it does not follow the course: check its unit, axes and time")
     elif abs(away) > _TURN_DEG:
-        told.append(f"a fixed turn: {declared}, or the vehicle goes backwards")
-    return [_judged(config, text, told)]
+        remarks.append(f"a fixed turn: {declared}, or the vehicle goes backwards")
+    return [_judged(config, text, remarks)]
 
 
 def _mean_turn(turn: Float64) -> tuple[float, float]:
@@ -231,8 +231,8 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     findings = _heading_against_course(config, common, heading, "check axes and declination_deg")
     level = float(np.median(np.hypot(m[:, 0], m[:, 1])))
     text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}"
-    told = [] if 0.5 < level / config.horizontal_ut < 2.0 else ["check its unit, axes and horizontal_ut"]
-    return [*findings, _judged(config, text, told)]
+    remarks = [] if 0.5 < level / config.horizontal_ut < 2.0 else ["check its unit, axes and horizontal_ut"]
+    return [*findings, _judged(config, text, remarks)]
 
 
 def _position(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -242,41 +242,41 @@ def _position(config: Any, common: _SampledTrack) -> list[Finding]:
     n, e = np.median(apart, axis=0)
     up = float(np.nanmedian(h)) if np.isfinite(h).any() else np.nan
     text = f"{n:+.1f} m north, {e:+.1f} m east, {up:+.1f} m up of the solution by pseudoranges"
-    told = []
+    remarks = []
     speed2 = np.sum(common.v_n[:, :2] ** 2, axis=1)
     moving = speed2 > _MOVING_MPS**2
     if moving.sum() >= _LEAST_POINTS:
         late_s = float(np.median(np.sum(apart * common.v_n[:, :2], axis=1)[moving] / speed2[moving]))
         across = apart[moving] - late_s * common.v_n[moving, :2]
         if abs(late_s) > 0.5 and np.median(np.abs(across)) < 0.5 * np.median(np.abs(apart[moving])):
-            told.append(f"its time tags are off: add {late_s:+.1f} s by time.offset_s")
-    if not told and np.hypot(n, e) > _STRAY_M:
-        told.append("check the order of its columns, its frame and its datum")
+            remarks.append(f"its time tags are off: add {late_s:+.1f} s by time.offset_s")
+    if not remarks and np.hypot(n, e) > _STRAY_M:
+        remarks.append("check the order of its columns, its frame and its datum")
     geoid = float(geoid_height(*np.degrees(common.place[:1, :2].T))[0])
     if abs(up) > 10.0 and abs(up + geoid) < 0.5 * abs(up):
-        told.append("its heights are above sea level: height = 'sea_level'")
-    return [_judged(config, text, told)]
+        remarks.append("its heights are above sea level: height = 'sea_level'")
+    return [_judged(config, text, remarks)]
 
 
 def _velocity(config: Any, common: _SampledTrack) -> list[Finding]:
     apart = common.values - common.v_n
     rms = float(np.sqrt(np.nanmedian(apart[:, :2] ** 2)))
     swapped = float(np.sqrt(np.nanmedian((common.values[:, (1, 0)] - common.v_n[:, :2]) ** 2)))
-    told = []
+    remarks = []
     if rms > _STRAY_MPS:
         other = "enu" if config.axes == "ned" else "ned"
         advice = "check its axes, unit and time"
-        told.append(f"axes = '{other}' fits" if swapped < 0.3 * rms else advice)
+        remarks.append(f"axes = '{other}' fits" if swapped < 0.3 * rms else advice)
     gnss = common.gnss
     ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
     if np.isfinite(common.values[:, :2]).all():
         level = np.linalg.norm(common.values[:, :2], axis=1)
-        told += _shift(common, level, lambda t: np.interp(t, gnss.t_s, ground))
-    return [_judged(config, f"{rms:.2f} m/s from the velocity by range rates (median, horizontal)", told)]
+        remarks += _shift(common, level, lambda t: np.interp(t, gnss.t_s, ground))
+    return [_judged(config, f"{rms:.2f} m/s from the velocity by range rates (median, horizontal)", remarks)]
 
 
-def _judged(config: Any, text: str, told: list[str]) -> Finding:
-    return Finding("warning" if told else "ok", config.label, text, "; ".join(told))
+def _judged(config: Any, text: str, remarks: list[str]) -> Finding:
+    return Finding("warning" if remarks else "ok", config.label, text, "; ".join(remarks))
 
 
 _CHECKS: Final[dict[str, Callable[[Any, _SampledTrack], list[Finding]]]] = {

@@ -60,10 +60,10 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
 
 def _small_offset(offset_s: float, sd_s: float) -> Finding:
     """Return the finding of an offset that is not large or sure enough for a proposal."""
-    told = f"offset {offset_s:+.3f} s, sigma {sd_s:.3f} s"
+    estimate = f"offset {offset_s:+.3f} s, sigma {sd_s:.3f} s"
     if abs(offset_s) <= SUSPECT_SIGMAS * sd_s:
-        return Finding("ok", "motion", f"IMU and GNSS tags agree: {told}")
-    text = f"IMU and GNSS tags do not agree: {told}, {abs(offset_s) / sd_s:.1f} sigma"
+        return Finding("ok", "motion", f"IMU and GNSS tags agree: {estimate}")
+    text = f"IMU and GNSS tags do not agree: {estimate}, {abs(offset_s) / sd_s:.1f} sigma"
     advice = (
         f"suspected imu.time.offset_s = {offset_s:+.3f}: a latency of either log, or a delay of the sensor's filter;"
         " more turns, runs and stops decide"

@@ -174,11 +174,11 @@ def _rows_of_one_log(
     table: CsvTable, column: str, t_ns: Int64, rows: npt.NDArray[np.intp] | None
 ) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
     """Refuse rows whose date is half a year and more from the middle one: a recorder's clock was not yet set."""
-    told = t_ns if rows is None else t_ns[rows]
-    if int(told.max()) - int(told.min()) <= STRAY_NS:
+    times_ns = t_ns if rows is None else t_ns[rows]
+    if int(times_ns.max()) - int(times_ns.min()) <= STRAY_NS:
         return rows, []
     kept = np.arange(len(t_ns)) if rows is None else rows
-    away = told - middle_ns(told)
+    away = times_ns - middle_ns(times_ns)
     stray = np.abs(away) > STRAY_NS
     if not stray.any():
         return rows, []

@@ -92,8 +92,8 @@ def _increasing(config: ImuConfig, week: int, file: str) -> tuple[_RawColumns, l
     if config.accel_files:
         gyro, events = _read_files(config, config.files, names.gyro, (), week)
         accel, found = _read_files(config, config.accel_files, (), names.accel, week)
-        raw, told = _at_the_gyros_times(gyro, accel, week, file)
-        events += found + told
+        raw, more_events = _at_the_gyros_times(gyro, accel, week, file)
+        events += found + more_events
     else:
         raw, events = _read_files(config, config.files, names.gyro, names.accel, week)
     if len(raw.t_ns) < 2:

@@ -114,14 +114,14 @@ def _told(
 
 
 def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> list[Event]:
-    told = f"{file}: {name} hold their values for"
+    text = f"{file}: {name} hold their values for"
     total_s = sum(int(t_ns[b] - t_ns[a]) for a, b in runs) / NS_PER_S
     share = total_s * NS_PER_S / max(float(t_ns[-1] - t_ns[0]), 1.0)
     if share > 0.5:
         return [
-            Event(int(t_ns[runs[0][0]]), DEAD, f"{told} {total_s:.3g} s, {100.0 * share:.0f} % of the log")
+            Event(int(t_ns[runs[0][0]]), DEAD, f"{text} {total_s:.3g} s, {100.0 * share:.0f} % of the log")
         ]
-    events = [Event(int(t_ns[a]), FROZEN, f"{told} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in runs]
+    events = [Event(int(t_ns[a]), FROZEN, f"{text} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in runs]
     return shortened(events, file)
 
 

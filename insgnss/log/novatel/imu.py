@@ -73,19 +73,19 @@ def imu_table(
     if not len(rows):
         return None, []
     rows, events = _sound(rows, file)
-    scales, told = _scales(files, rows, declared, file)
+    scales, more_events = _scales(files, rows, declared, file)
     if scales is None or len(rows) < 2:
-        return None, events + told
+        return None, events + more_events
     t_ns, first = np.unique(_times(rows), return_index=True)
     if len(t_ns) < len(rows):
         detail = f"{file}: {len(rows) - len(t_ns)} samples with a repeated time left out"
         events.append(Event(None, "imu_repeated", detail))
     rows = rows[first]
     if len(t_ns) < 2:
-        return None, events + told
+        return None, events + more_events
     hz = NS_PER_S / float(np.median(np.diff(t_ns)))  # the sensor's own rate, which gaps must not change
     rates, forces = _xyz(rows["gyro_zyx"]) * (scales[0] * hz), _xyz(rows["accel_zyx"]) * (scales[1] * hz)
-    return ImuTable(t_ns, rates, forces), events + told
+    return ImuTable(t_ns, rates, forces), events + more_events
 
 
 def _xyz(counts: np.ndarray[tuple[int, int], np.dtype[np.int32]]) -> Float64:

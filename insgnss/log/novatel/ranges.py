@@ -79,9 +79,9 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
     seen: set[int] = set()
     for kind, rows_of in ((RANGE, _plain), (RANGECMP, _compressed), (RANGECMP2, _compressed_2)):
         for frames in files:
-            chosen, told = _usable(frames, kind, seen)
+            chosen, more_events = _usable(frames, kind, seen)
             parts.append(rows_of(frames, chosen))
-            events += told
+            events += more_events
         seen |= {int(t) for t in np.unique(np.concatenate([part.t_ns for part in parts]))}
     file = str(files[0].path)
     rows = _RangeColumns(
@@ -89,8 +89,8 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
     )
     if not len(rows.t_ns):
         return None, events
-    table, told = _table(rows, file)
-    return table, events + told
+    table, more_events = _table(rows, file)
+    return table, events + more_events
 
 
 def _usable(frames: NovatelFrames, kind: int, seen: set[int]) -> tuple[list[Frame], list[Event]]:

@@ -62,11 +62,11 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         invalid="ignore", over="ignore"
     ):  # of numbers that are none, which are looked for everywhere
         gnss, events = measurements(files)
-        imu, told = imu_table(files, imu_scales)
+        imu, more_events = imu_table(files, imu_scales)
         own, is_inertial, left_out = solution(files)
         found = broadcast(files)
-    events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *told, *left_out]
-    events += [event for _, told in turned for event in told]
+    events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *more_events, *left_out]
+    events += [event for _, more_events in turned for event in more_events]
     events += [
         Event(None, "navigation_damaged", f"{paths[0]}: {count} x {reason}")
         for reason, count in found.refused.items()

@@ -62,15 +62,15 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
 
 def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
     text, events = _observation_text(path)
-    text, channels, told = slot_channels(text, path)
-    events += told
-    text, told = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
-    events += told
+    text, channels, more_events = slot_channels(text, path)
+    events += more_events
+    text, more_events = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+    events += more_events
     try:
         parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
     except sidereon.SidereonError as error:
-        text, told = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
-        events += told
+        text, more_events = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+        events += more_events
         blocks = split_epochs(text)
         if not blocks.epochs:
             raise InputError(f"not a RINEX observation file: {error}", file=path) from error
@@ -112,8 +112,8 @@ def _observation_text(path: Path) -> tuple[str, list[Event]]:
     if "\r" in text:
         text = _LINE_END.sub("\n", text)
     if "CRINEX VERS" in text[:200]:
-        text, told = _unpacked(text, path)
-        events += told
+        text, more_events = _unpacked(text, path)
+        events += more_events
     if "RINEX VERSION / TYPE" not in text[:400]:
         raise InputError(
             "not a RINEX file: the first line lacks 'RINEX VERSION / TYPE'",

@@ -138,8 +138,8 @@ def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
             else np.zeros(0, np.int64)
         )
         parts.append((t_ns[t_ns >= 0], values[t_ns >= 0]))
-    imu, told = paired(*parts[0], *parts[1], topic.name)
-    events += told
+    imu, more_events = paired(*parts[0], *parts[1], topic.name)
+    events += more_events
     if imu is not None:
         detail = (
             f"{topic.name}: stamps of the computer's clock (UTC); its offset from the receiver's is unknown"
@@ -161,8 +161,8 @@ def _further(topic: Topic, events: list[Event]) -> list[FurtherSamples]:
         fields = [m.magnetic_field for _, m in messages]
         kind, values = MAGNETOMETER, 1e6 * np.array([(v.x, v.y, v.z) for v in fields], np.float64)
     dated = t_ns >= 0  # the others have been told
-    found, told = further_samples(kind, topic.name, t_ns[dated], values.reshape(len(t_ns), -1)[dated])
-    events += told
+    found, more_events = further_samples(kind, topic.name, t_ns[dated], values.reshape(len(t_ns), -1)[dated])
+    events += more_events
     return found
 
 

@@ -59,9 +59,9 @@ def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> Rece
         )
     observed = [m for m in messages if m.message_number in OBSERVATIONS]
     if not observed:
-        told = _not_used(messages) or "ephemerides alone"
+        listed = _not_used(messages) or "ephemerides alone"
         raise InputError(
-            f"the RTCM stream holds no observations with whole pseudoranges: {told}",
+            f"the RTCM stream holds no observations with whole pseudoranges: {listed}",
             file=file,
             advice="let the source send MSM4 to MSM7 (1074 to 1137) and the ephemerides (1019, 1020, 1042, 1046)",
         )
@@ -101,8 +101,8 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
         Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
         for reason, count in found.refused.items()
     ]
-    if told := _not_used(messages):
-        events.append(Event(None, "rtcm_not_used", f"{file}: messages not read: {told}"))
+    if listed := _not_used(messages):
+        events.append(Event(None, "rtcm_not_used", f"{file}: messages not read: {listed}"))
     return ReceiverLog(gnss, found.navigation(), None, events)
 
 

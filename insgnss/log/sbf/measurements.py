@@ -150,7 +150,7 @@ def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> t
 
 
 def _events(channels: _SubBlocks, main: Bool, known: Bool) -> list[Event]:
-    told = (
+    counts = (
         (int((~main).sum()), "sbf_other_antenna", "measurement(s) of auxiliary antennas left out"),
         (
             int((main & ~known).sum()),
@@ -163,7 +163,7 @@ def _events(channels: _SubBlocks, main: Bool, known: Bool) -> list[Event]:
             "measurement block(s) whose sub-blocks do not fit their length, cut there",
         ),
     )
-    return [Event(None, kind, f"{count} {what}") for count, kind, what in told if count]
+    return [Event(None, kind, f"{count} {what}") for count, kind, what in counts if count]
 
 
 def _glonass_channels(channels: _SubBlocks, number: Int64) -> Int64:

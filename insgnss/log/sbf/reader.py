@@ -58,7 +58,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
             "no SBF block in the file", file=path, advice="is it a Septentrio receiver's binary log?"
         )
     gnss, events = measurements(data, blocks)
-    imu, told = _inertial(data, blocks)
+    imu, more_events = _inertial(data, blocks)
     own, without = solution(data, blocks)
     fixed, told_of_fixes = fixes(data, blocks)
     events += told_of_fixes
@@ -77,7 +77,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     ]
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told + without]
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]
     navigation = found.navigation()
     if own is None and fixed is not None:
         named.append(not_independent("PVTGeodetic, the receiver's fixes"))

@@ -142,14 +142,14 @@ class _ImuReadings:
     interpolated: bool
 
     def events(self, path: Path) -> list[Event]:
-        told = []
+        events = []
         if self.left_out:
             detail = f"{path}: {self.left_out} sensor values whose time does not advance left out"
-            told.append(Event(None, "imu_repeated", detail))
+            events.append(Event(None, "imu_repeated", detail))
         if self.interpolated:
             detail = f"{path}: rates and forces have different times; interpolated to those of the first rate"
-            told.append(Event(None, "imu_interpolated", detail))
-        return told
+            events.append(Event(None, "imu_interpolated", detail))
+        return events
 
 
 def _samples(values: SensorValues) -> _ImuReadings:

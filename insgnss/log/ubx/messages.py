@@ -110,11 +110,13 @@ class UbxMessages:
 
     def events(self, file: str) -> list[Event]:
         """Return the events of refused and unused messages, with counts."""
-        told = [
+        events = [
             Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
             for reason, count in self.broadcast.refused.items()
         ]
         if self._unused:
             listed = ", ".join(f"{count} {what}" for what, count in self._unused.most_common())
-            told.append(Event(None, "navigation_not_used", f"{file}: messages of a kind not used: {listed}"))
-        return told
+            events.append(
+                Event(None, "navigation_not_used", f"{file}: messages of a kind not used: {listed}")
+            )
+        return events

@@ -79,11 +79,11 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
         offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _times_without_raw(frames, solved[-1])
         messages.add_file(frames, offset, t_ns)
-        table, told = imu_table(frames, offset, t_ns)
-        events += [*frames.events(KNOWN), *found, *told, *_time_marks(frames)]
+        table, more_events = imu_table(frames, offset, t_ns)
+        events += [*frames.events(KNOWN), *found, *more_events, *_time_marks(frames)]
         epochs.append(part)
         imu += [] if table is None else [table]
-    gnss, told = observation_table(epochs, paths[0])
+    gnss, more_events = observation_table(epochs, paths[0])
     joined_imu, joining = _joined_imu(imu, str(paths[0]))
     own, source, whose = solution(solved, str(paths[0]))
     if not len(gnss.t_ns) and joined_imu is None and own is None:
@@ -97,7 +97,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
     leaps = np.concatenate([part.leap_s for part in epochs])
     if (leaps != -128).any():
         messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
-    events += [*told, *messages.events(str(paths[0])), *whose]
+    events += [*more_events, *messages.events(str(paths[0])), *whose]
     navigation = messages.broadcast.navigation()
     return ReceiverLog(gnss, navigation, joined_imu, events + joining, own, solution_from=source)
 

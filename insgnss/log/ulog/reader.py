@@ -66,10 +66,10 @@ def _tables(
     data: Mapping[tuple[str, int], Any], events: list[Event], wanted: dict[str, str], path: Path
 ) -> ReceiverLog:
     """Return the content of the topics; ``events`` are those of the file itself."""
-    clock, told = boot_clock(_fixes(data))
-    events += told
-    raw, told = _raw(data, path)
-    events += told
+    clock, more_events = boot_clock(_fixes(data))
+    events += more_events
+    raw, more_events = _raw(data, path)
+    events += more_events
     imu, found = None, UlogSolution()
     samples: list[FurtherSamples] = []
     if clock is None:
@@ -77,12 +77,12 @@ def _tables(
             Event(None, "ulog_time_unknown", "no GPS message with UTC: inertial samples cannot be dated")
         )
     else:
-        imu, told = _inertial(data, clock, wanted.get("imu"))
-        events += told
+        imu, more_events = _inertial(data, clock, wanted.get("imu"))
+        events += more_events
         found = solution(data, clock, wanted.get("reference"))
         events += found.events
-        samples, told = _further(data, clock)
-        events += told
+        samples, more_events = _further(data, clock)
+        events += more_events
     events += _not_read(wanted, data)
     advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
     log = assembled(path, raw, imu, found.table, events, further=samples, holder="ULog", advice=advice)
@@ -181,8 +181,8 @@ def _inertial(
     if not (gyro.all() and accel.all()):
         events.append(Event(None, "imu_time_unknown", f"{chosen[0]}: samples with damaged times left out"))
     gyro_us, w, accel_us, f = gyro_us[gyro], w[gyro], accel_us[accel], f[accel]
-    imu, told = paired(clock.gps_ns(gyro_us), w, clock.gps_ns(accel_us), f, f"{chosen[0]}:{chosen[1]}")
-    events += told
+    imu, more_events = paired(clock.gps_ns(gyro_us), w, clock.gps_ns(accel_us), f, f"{chosen[0]}:{chosen[1]}")
+    events += more_events
     others = sorted(
         f"{len(data[key]['timestamp'])} {key[0]}:{key[1]}"
         for key in data
@@ -240,9 +240,9 @@ def _further(
             continue
         t_us, values = sampled_us(rows), unit * _vectors(rows, columns)
         near = clock.is_near(t_us)
-        found, told = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
+        found, more_events = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
         tables += found
-        events += told
+        events += more_events
     return tables, events
 
 

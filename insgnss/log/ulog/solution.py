@@ -61,13 +61,13 @@ def solution(data: Data, clock: BootClock, wanted: str | None) -> UlogSolution:
         key=lambda key: len(data[key]["timestamp"]),
         default=None,
     )
-    fixed, told = (None, []) if fixes is None else _fixes(data[fixes], fixes[0])
+    fixed, more_events = (None, []) if fixes is None else _fixes(data[fixes], fixes[0])
     for topics in (TRUTH, SOLUTION):
         if (topics[0], 0) in data and name in (None, topics[0]):
             found, events = _filtered(data, clock, topics)
             if found is not None or wanted is not None:
                 return UlogSolution(found, "truth" if topics is TRUTH else "filter", fixed, events)
-    return UlogSolution(fixed, events=told) if name in (None, *FIXES) else UlogSolution(fixes=fixed)
+    return UlogSolution(fixed, events=more_events) if name in (None, *FIXES) else UlogSolution(fixes=fixed)
 
 
 def _filtered(

@@ -71,11 +71,11 @@ def _statistics(run: Run) -> str:
     rows = []
     for name, row in summary.iterrows():
         columns = ("mean", "rms", "p50", "p95", "max", "mean_sigma")
-        told = row_of_numbers(
+        numbers = row_of_numbers(
             [float(row[column]) for column in columns], min(float(row["rms"]), float(row["mean_sigma"]))
         )
         noise = f"{row['rms_over_noise']:.2f}" if f"sd_slow_{name}" in run.nav else ""
-        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}", noise])
+        rows.append([label(str(name)).axis(), *numbers, f"{row['rms_over_sigma']:.2f}", noise])
     if run.errors is not None and known_s is not None and not known_s <= run.errors["time_s"].max():
         known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f"<p>From {known_s:.1f} s on, when the heading was known.</p>"

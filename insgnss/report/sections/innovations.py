@@ -52,8 +52,8 @@ def section(run: Run) -> Section | None:
         " its square, NIS, should be 1 on average. Below 1 the filter is more careful than necessary, above 1 it"
         " trusts too much.</p>"
     )
-    told = "".join(f"<p>{text(_about_own(name, entry))}</p>" for name, entry in own.items())
-    return Section("innovations", "Innovations", before=about + _summary(run) + told, charts=charts)
+    paragraphs = "".join(f"<p>{text(_about_own(name, entry))}</p>" for name, entry in own.items())
+    return Section("innovations", "Innovations", before=about + _summary(run) + paragraphs, charts=charts)
 
 
 def _about_own(name: str, entry: Mapping[str, Any]) -> str:

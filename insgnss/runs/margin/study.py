@@ -123,10 +123,10 @@ def flown_margin(
     gain = np.where(np.isnan(gain), seen, gain)
     sigma = aiding_sigma(run, rows)
     if np.isnan(sigma).all():
-        told = (
+        detail = (
             "the run has no aiding table: its residual acceleration is bounded by tilt and accelerometer bias"
         )
-        events.append((float(path.time_s[0]), "aiding_absent", told))
+        events.append((float(path.time_s[0]), "aiding_absent", detail))
     residual = np.where(np.isnan(sigma), path.accel_sigma[rows["at"]], sigma)
     table = _satellite_table(run, path, rows, found, gain, residual, disturbances(run, config), config)
     events += _spells(table) + _never_in_sight(path, found, config)
@@ -230,10 +230,10 @@ def _spells(table: pd.DataFrame) -> list[tuple[float, str, str]]:
         for loop in LOOPS:
             for begin, end in stretches_of(~rows[f"lock_{loop}"].to_numpy()):
                 least = rows[f"reserve_{loop}_db"].to_numpy()[begin:end].min()
-                told = (
+                detail = (
                     f"{sv}: {time[end - 1] - time[begin]:.1f} s, {-least:.1f} dB below the threshold at worst"
                 )
-                events.append((float(time[begin]), f"lock_lost_{loop}", told))
+                events.append((float(time[begin]), f"lock_lost_{loop}", detail))
     return events
 
 

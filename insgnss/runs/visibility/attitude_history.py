@@ -121,8 +121,8 @@ def _of_columns(
     events = []
     if not known.all():
         of = "" if file is None else f"{file}: "
-        told = f"{of}{np.count_nonzero(~known)} of {len(known)} rows have no attitude: left out"
-        events.append(Event(None, "attitude_missing", told))
+        detail = f"{of}{np.count_nonzero(~known)} of {len(known)} rows have no attitude: left out"
+        events.append(Event(None, "attitude_missing", detail))
     rows = _thinned(t_ns, np.flatnonzero(known), step_s)
     if not len(rows):
         raise InputError(

@@ -82,8 +82,8 @@ def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: floa
         reference, found = read_reference(columns.model_copy(update={"file": source}), config.gps_week)
         attitude, missing = AttitudeHistory.of_reference(reference, step_s, source)
         found = found + missing
-    navigation, told = _navigation(flight)
-    return Sources(attitude, sky_of_navigation(attitude, navigation), antennas, events + found + told)
+    navigation, more_events = _navigation(flight)
+    return Sources(attitude, sky_of_navigation(attitude, navigation), antennas, events + found + more_events)
 
 
 def _antennas(flight: Flight, pattern: str | None) -> tuple[MountedAntenna, ...]:

@@ -71,8 +71,15 @@ class Sums:
             return {"n": 0}
         sd = math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else math.nan
         rms = math.sqrt(self.squares / self.count + self.mean**2)
-        told = {"n": self.count, "mean": self.mean, "sd": sd, "rms": rms, "min": self.least, "max": self.most}
-        return told | {f"p{round(100 * p):02d}": self.quantile(p) for p in _QUANTILES}
+        numbers = {
+            "n": self.count,
+            "mean": self.mean,
+            "sd": sd,
+            "rms": rms,
+            "min": self.least,
+            "max": self.most,
+        }
+        return numbers | {f"p{round(100 * p):02d}": self.quantile(p) for p in _QUANTILES}
 
 
 def _bin(values: Float64) -> Any:
@@ -136,14 +143,14 @@ def summary(folder: str | Path, by: Sequence[str] = ("case",), columns: Sequence
             group = sums.setdefault(key if isinstance(key, tuple) else (key,), {n: Sums() for n in names})
             for name in names:
                 group[name].add(rows[name].to_numpy(np.float64))
-    told = [
+    table_rows = [
         {**dict(zip(by, key, strict=True)), "column": name, **group[name].row()}
         for key, group in sums.items()
         for name in names
     ]
     return (
-        pd.DataFrame(told).sort_values(list(by), kind="stable").reset_index(drop=True)
-        if told
+        pd.DataFrame(table_rows).sort_values(list(by), kind="stable").reset_index(drop=True)
+        if table_rows
         else pd.DataFrame()
     )
 

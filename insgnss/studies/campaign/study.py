@@ -150,10 +150,10 @@ def prepare(
     stamp = _stamp(config)
     try:
         (path / RESULTS).mkdir(parents=True, exist_ok=True)
-        told = path / CAMPAIGN_FILE
-        if not told.exists():
-            write_file(told, json.dumps(stamp, indent=1).encode(), "campaign")
-        elif _hash_in(told) != stamp["hash"]:
+        settings_file = path / CAMPAIGN_FILE
+        if not settings_file.exists():
+            write_file(settings_file, json.dumps(stamp, indent=1).encode(), "campaign")
+        elif _hash_in(settings_file) != stamp["hash"]:
             raise ResultError(
                 "the folder holds the results of another campaign",
                 file=path,

@@ -97,8 +97,8 @@ class Consistency(ResultDisplay):
         ResultError : the folder cannot be written
         """
         tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
-        told = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
-        settings = {"consistency_verdict": json.dumps(told, indent=1)}
+        summary = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
+        settings = {"consistency_verdict": json.dumps(summary, indent=1)}
         return write_study(folder, tables, settings, {"consistency": self.figure}, draws=pictures)
 
 
@@ -140,11 +140,11 @@ def consistency_study(
     heading = heading_of(run)
     seen = observability_table(run.nav, heading)
     adapts = bool(filter_settings.get("adaptation", {}).get("on", False))
-    told = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, heading, adapts=adapts)
+    sentences = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, heading, adapts=adapts)
     sigmas = run.nav[["time_s", *(c for c in SIGMAS if c in run.nav)]]
     label_as(judged.table, run.nav)
     asked = {"confidence": confidence, "lags": lags, "from_s": start_s}
-    return Consistency(kinds, satellites, white, states, seen, sigmas, judged.table, told, asked)
+    return Consistency(kinds, satellites, white, states, seen, sigmas, judged.table, sentences, asked)
 
 
 def _start(run: Run) -> float:

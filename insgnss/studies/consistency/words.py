@@ -38,18 +38,18 @@ def verdict(
     adapts: bool,
 ) -> tuple[str, ...]:
     """Return the sentences; tables are those of ``Consistency``, ``alarm`` the chance of a false one."""
-    told = [_of_noise(row) for row in kinds.to_dict("records")]
+    sentences = [_of_noise(row) for row in kinds.to_dict("records")]
     if adapts:
-        told.append(
+        sentences.append(
             "the filter adapts its noise levels (adaptation.on): factors are relative to the levels that it found, not"
             " to the settings; replay with it off to judge those"
         )
-    told += _of_satellites(kinds, satellites)
-    told += _of_whiteness(whiteness, alarm)
-    told += [text for text in map(_of_error, states.to_dict("records")) if text]
-    told.append(_of_heading(heading))
-    told += _of_biases(observability)
-    return tuple(told)
+    sentences += _of_satellites(kinds, satellites)
+    sentences += _of_whiteness(whiteness, alarm)
+    sentences += [text for text in map(_of_error, states.to_dict("records")) if text]
+    sentences.append(_of_heading(heading))
+    sentences += _of_biases(observability)
+    return tuple(sentences)
 
 
 def _of_noise(row: Mapping[Any, Any]) -> str:
@@ -86,35 +86,35 @@ def _number(row: Mapping[Any, Any], name: str) -> float:
 def _of_satellites(kinds: pd.DataFrame, satellites: pd.DataFrame) -> list[str]:
     """Return the satellites that are noisier than their kind, or biased, the worst first."""
     whole = kinds.set_index("kind")["factor"]
-    told = []
+    sentences = []
     for kind, rows in satellites.groupby("kind", sort=False):
         over = rows["factor"] / whole[kind]
         noisy = rows[(over > _OUTLYING) & (rows["mean_nis"] > rows["high"])]
         for row in noisy.sort_values("factor", ascending=False).head(_SATELLITES_TOLD).itertuples():
-            told.append(f"{row.sv}: {NOISE_WORDS[str(kind)]} is {row.factor:.2g} times the assumed")
+            sentences.append(f"{row.sv}: {NOISE_WORDS[str(kind)]} is {row.factor:.2g} times the assumed")
         beyond = (rows["mean_z"].abs() / rows["mean_z_bound"]).rename("beyond")
         biased = rows.assign(beyond=beyond)[beyond > 1.0].sort_values("beyond", ascending=False)
         if len(biased):
             names = ", ".join(f"{r.sv} {r.mean_z:+.2f}" for r in biased.head(_SATELLITES_TOLD).itertuples())
-            told.append(f"mean {kind} innovation is not zero (in sigmas): {names}")
-    return told
+            sentences.append(f"mean {kind} innovation is not zero (in sigmas): {names}")
+    return sentences
 
 
 def _of_whiteness(whiteness: pd.DataFrame, alarm: float) -> list[str]:
-    told = []
+    sentences = []
     for kind, rows in whiteness.groupby("kind", sort=False):
         first = rows.iloc[0]
         if first["p_value"] >= alarm:
-            told.append(f"{kind} innovations are white (Ljung-Box {_chance(first['p_value'])})")
+            sentences.append(f"{kind} innovations are white (Ljung-Box {_chance(first['p_value'])})")
             continue
         weak = "" if abs(first["correlation"]) > _CORRELATED else "barely "
         lasts = first["correlation_time_s"]
         time = f", as errors that last {lasts:.2g} s would be" if lasts > 0.0 and not weak else ""
-        told.append(
+        sentences.append(
             f"{kind} innovations are {weak}correlated in time: {first['correlation']:+.2f} after"
             f" {first['lag_s']:.2g} s{time} (Ljung-Box {_chance(first['p_value'])})"
         )
-    return told
+    return sentences
 
 
 def _chance(p_value: float) -> str:
@@ -143,17 +143,17 @@ def _of_heading(heading: HeadingAgreement) -> str:
 
 
 def _of_biases(table: pd.DataFrame) -> list[str]:
-    told = []
+    sentences = []
     hardly = table[table["state"].str.contains("bias") & (table["reduction"] < _HARDLY)]
     known = table[table["state"].str.contains("bias") & np.isfinite(table["known_s"])]
     if len(known):
-        told.append(
+        sentences.append(
             "biases known from: " + ", ".join(f"{_in_words(r)} {r.known_s:g} s" for r in known.itertuples())
         )
     if len(hardly):
         names = ", ".join(f"{_in_words(r)} ({r.reduction:.2g} times)" for r in hardly.itertuples())
-        told.append(f"hardly observed, sigma came down little: {names}")
-    return told
+        sentences.append(f"hardly observed, sigma came down little: {names}")
+    return sentences
 
 
 def _in_words(row: object) -> str:

@@ -90,8 +90,8 @@ class HiddenVariance(ResultDisplay):
         }
         settings = json.dumps({**asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
         tables = {"hidden_variance": self.table, "hidden_variance_summary": self.summary()}
-        told = {"hidden_variance_settings": settings}
-        return write_study(folder, tables, told, {"hidden_variance": self.figure}, draws=pictures)
+        written = {"hidden_variance_settings": settings}
+        return write_study(folder, tables, written, {"hidden_variance": self.figure}, draws=pictures)
 
 
 def hidden_satellite_variance(

@@ -76,8 +76,8 @@ class ManoeuvreStudy(ResultDisplay):
         ResultError : the folder cannot be written
         """
         tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
-        told = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
-        return write_study(folder, tables, {"manoeuvre_scenario": told}, self.figures(), draws=pictures)
+        text = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
+        return write_study(folder, tables, {"manoeuvre_scenario": text}, self.figures(), draws=pictures)
 
 
 def manoeuvre_study(

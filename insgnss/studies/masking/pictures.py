@@ -120,8 +120,8 @@ def reacquisition_figure(reacquisition: pd.DataFrame, title: str) -> Figure:
         means = rows[["in_vain_s", "search_s", "false_lock_s"]].mean()
         right.barh(k, means["search_s"], height=0.6, color=colour)
         right.barh(k, means["false_lock_s"], height=0.6, left=means["search_s"], color=colour, alpha=0.3)
-        told = f"{means['search_s']:.2g} s search, {means['false_lock_s']:.3g} s false lock"
-        right.text(0.2, k + 0.4, told, va="center", fontsize=7.5)
+        label = f"{means['search_s']:.2g} s search, {means['false_lock_s']:.3g} s false lock"
+        right.text(0.2, k + 0.4, label, va="center", fontsize=7.5)
     left.set_yticks(range(len(kinds)), [labels[how] for how in kinds], fontsize=8)
     right.set_yticks(range(len(kinds)), [""] * len(kinds))
     left.set_xlabel("delay from the return\nto the next measurement, s", fontsize=9)

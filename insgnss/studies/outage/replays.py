@@ -171,11 +171,11 @@ def branch(log: OutageLog, checkpoint: Checkpoint, removal: Removal, after_s: fl
     out = new_output(rows, b - a + 16, n_events, log.times_ns[a:b], log.setup.layout.n_shown)
     navigator = Navigator(log.setup_with(phases))
     navigator.restore(checkpoint.saved)
-    told = len(navigator.events)
+    n_before = len(navigator.events)
     first, last = (int(e) for e in np.searchsorted(rows.epoch_ns, [from_ns, end_ns + 1]))
     navigator.run(imu, rows, first, last, out)
     _carry_on(navigator, imu, end_ns, rows, out)
-    return Branch(checkpoint.window, log.nav(out), n_taken, navigator.events[told:])
+    return Branch(checkpoint.window, log.nav(out), n_taken, navigator.events[n_before:])
 
 
 def _rows_without(

@@ -114,8 +114,8 @@ class OutageStudy(ResultDisplay):
         ResultError : the folder cannot be written
         """
         tables = {f"outage_{name}": getattr(self, name) for name in TABLES}
-        told = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
-        settings = {"outage_settings": json.dumps(told, indent=1, default=str)}
+        written = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
+        settings = {"outage_settings": json.dumps(written, indent=1, default=str)}
         return write_study(folder, tables, settings, {"outage": self.figure}, draws=pictures)
 
 
@@ -247,7 +247,7 @@ def _window_row(branch: Branch, drift: pd.DataFrame) -> dict[str, Any]:
     last = within.iloc[-1] if len(within) else None
     after = drift[drift["time_s"] >= window.until_s]
     sd_back, drift_back = back_after(after, window.until_s)
-    told = [event.kind for event in branch.events]
+    kinds = [event.kind for event in branch.events]
     return {
         **window._asdict(),
         "n_taken": branch.n_taken,
@@ -258,5 +258,5 @@ def _window_row(branch: Branch, drift: pd.DataFrame) -> dict[str, Any]:
         "peak_mps": float(drift["velocity_mps"].max()) if len(drift) else np.nan,
         "sd_back_s": sd_back,
         "drift_back_s": drift_back,
-        "events": ", ".join(dict.fromkeys(told)),
+        "events": ", ".join(dict.fromkeys(kinds)),
     }

@@ -306,9 +306,9 @@ def _check_recording(path: Path, settings: SampleReceiver, duration_s: float) ->
     held_s = _recorded(path, settings).duration_s
     if abs(held_s - require_number("duration_s", duration_s)) > _LENGTH_S:
         samples = f"{settings.sample_type} samples at {settings.rate_hz:g} Hz"
-        told = f"holds {held_s:.6g} s of {samples}, not {duration_s:g} s"
+        detail = f"holds {held_s:.6g} s of {samples}, not {duration_s:g} s"
         advice = "give the duration, rate and sample type that it was recorded with"
-        raise InputError(f"the recording {told}", file=path, advice=advice)
+        raise InputError(f"the recording {detail}", file=path, advice=advice)
 
 
 def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[SignalSamples]:
