@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.geodesy.rotations import omega_cross
 from insgnss.gnss.orbits.broadcast import eccentric_anomaly, orbit_state
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, MessageIndex, choose_message
 from insgnss.gnss.orbits.ephemeris_rows import M0, E, N
@@ -208,8 +209,8 @@ def _inertial(node: Float64, since_s: float) -> tuple[Float64, Float64, Float64]
     Equation: V = v + omega x r, A = a + 2 omega x v + omega x (omega x r), turned by R3(-omega t)
     """
     r, v, a = node[..., 0:3], node[..., 3:6], node[..., 6:9]
-    V = v + _omega_cross(r)
-    A = a + 2.0 * _omega_cross(v) + _omega_cross(_omega_cross(r))
+    V = v + omega_cross(r)
+    A = a + 2.0 * omega_cross(v) + omega_cross(omega_cross(r))
     # written out: a product of matrices would round differently with the number of pieces made at once
     angle = WGS84_OMEGA_RADPS * since_s
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -220,12 +221,6 @@ def _inertial(node: Float64, since_s: float) -> tuple[Float64, Float64, Float64]
         for x in (r, V, A)
     )
     return r, V, A
-
-
-def _omega_cross(vectors: Float64) -> Float64:
-    """Return omega x r of vectors (..., 3)."""
-    x, y = vectors[..., 0], vectors[..., 1]
-    return WGS84_OMEGA_RADPS * np.stack([-y, x, np.zeros_like(x)], axis=-1)
 
 
 def earth_turn_matrix(since_s: npt.ArrayLike) -> Float64:

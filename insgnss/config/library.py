@@ -11,16 +11,14 @@ import difflib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.scenario import ScenarioConfig
-from insgnss.config.strict import StrictModel, changed, load_toml, read_toml
+from insgnss.config.strict import Model, changed, load_toml, read_toml
 from insgnss.config.vehicle import Vehicle
 from insgnss.errors import ConfigError, ModelError
-
-Model = TypeVar("Model", bound=StrictModel)
 
 KINDS = {
     "imus": "IMU grade",

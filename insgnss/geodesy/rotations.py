@@ -152,6 +152,12 @@ def cross_matrix(v: Float64) -> Float64:
     return matrix
 
 
+def omega_cross(vectors: Float64) -> Float64:
+    """Return w_ie x r of vectors (..., 3) in e axes."""
+    x, y = vectors[..., 0], vectors[..., 1]
+    return WGS84_OMEGA_RADPS * np.stack([-y, x, np.zeros_like(x)], axis=-1)
+
+
 def rotation_matrix(phi: npt.ArrayLike) -> Float64:
     """Return exp([phi x]), (3, 3), of a rotation vector (3,) [rad]."""
     x, y, z = np.asarray(phi, np.float64)

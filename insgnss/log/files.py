@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import os
 import zlib
 from pathlib import Path
@@ -15,6 +14,7 @@ import pyarrow as pa
 
 from insgnss.config.files import existing_file
 from insgnss.errors import InputError
+from insgnss.results.saving import file_digest
 from insgnss.tables import Int64
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -152,5 +152,4 @@ def file_text(path: Path) -> str:
 
 def sha256(path: Path) -> str:
     """Return the SHA-256 of the file as it lies on the disk, in hexadecimal digits."""
-    with existing_file(path).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return file_digest(existing_file(path))

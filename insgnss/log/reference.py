@@ -10,9 +10,9 @@ import numpy as np
 from insgnss.config.flight import Reference
 from insgnss.errors import InputError
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.table import read_csv_table
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
-from insgnss.tables import Event, Float64, ReferenceTable
+from insgnss.tables import Event, ReferenceTable
 
 
 def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[Event]]:
@@ -43,16 +43,16 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
         )
         events.append(Event(None, "reference_time_order", detail))
     position = [table.columns[name][order] for name in names.position]
-    quality = _optional(table, names.quality)[order]
+    quality = table.column_or_nan(names.quality)[order]
     reference = ReferenceTable(
         t_ns,
         position[0],
         position[1],
         position[2],
-        np.column_stack([_optional(table, name)[order] for name in names.velocity]),
-        np.column_stack([_optional(table, name)[order] for name in names.attitude]),
+        np.column_stack([table.column_or_nan(name)[order] for name in names.velocity]),
+        np.column_stack([table.column_or_nan(name)[order] for name in names.attitude]),
         np.where(np.isnan(quality), 1.0, quality),
-        np.column_stack([_optional(table, name)[order] for name in sigmas])
+        np.column_stack([table.column_or_nan(name)[order] for name in sigmas])
         if any(name in table.columns for name in sigmas)
         else None,
     )
@@ -81,7 +81,3 @@ def _good_rows(reference: ReferenceTable, config: Reference) -> tuple[ReferenceT
         name: None if column is None else column[good] for name, column in columns.items()
     }
     return ReferenceTable(**rows), [Event(None, "reference_rows_left_out", detail)]
-
-
-def _optional(table: CsvTable, name: str) -> Float64:
-    return table.columns[name] if name in table.columns else np.full(table.n, np.nan)

@@ -194,7 +194,11 @@ def _why_not_ours(path: Path, entry: Mapping[str, str] | None, kind: str) -> str
     if entry.get("kind") != kind:
         return f"which belongs to another result ({entry.get('kind')})"
     try:
-        return "" if entry.get("sha256") == _sha256(path) else "which was changed after this program wrote it"
+        return (
+            ""
+            if entry.get("sha256") == file_digest(path)
+            else "which was changed after this program wrote it"
+        )
     except OSError as error:
         return f"which cannot be read ({error.strerror})"
 
@@ -289,7 +293,7 @@ def first_changed(folder: Path, names: Iterable[str]) -> Path | None:
     entries = _entries(folder)
     for name in names:
         digest = entries.get(name, {}).get("sha256")
-        if digest is not None and (folder / name).is_file() and digest != _sha256(folder / name):
+        if digest is not None and (folder / name).is_file() and digest != file_digest(folder / name):
             return folder / name
     return None
 
@@ -302,7 +306,7 @@ def saved_as(kind: str, folder: Path) -> tuple[str, ...]:
 def _commit(save: _Save, folder: Path, kind: str) -> None:
     """Declare a save whole, after one that is pending, and move its files to their places."""
     wrote = {
-        path.name: {"kind": save.kinds.get(path.name, kind), "sha256": _sha256(path)}
+        path.name: {"kind": save.kinds.get(path.name, kind), "sha256": file_digest(path)}
         for path in sorted(save.new.iterdir())
     }
     record = {"wrote": wrote, "removed": sorted(set(save.kinds) - set(wrote))}
@@ -343,6 +347,7 @@ def _is_running(process: str) -> bool:
     return True
 
 
-def _sha256(path: Path) -> str:
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

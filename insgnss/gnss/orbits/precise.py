@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.geodesy.rotations import omega_cross
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages
 from insgnss.gnss.orbits.satellite_state import (
     SatelliteStates,
@@ -216,8 +217,8 @@ def _interpolated(node_ns: Int64, r_i: Float64, t_ns: Int64, reference_ns: int) 
     acceleration = powers[:, :-2] @ (second * coefficients[2:]) / half_s**2
     angle = -WGS84_OMEGA_RADPS * ((t_ns - reference_ns) / NS_PER_S)
     r_e, v, a = _turned(position, angle), _turned(velocity, angle), _turned(acceleration, angle)
-    v_e = v - _omega_cross(r_e)
-    a_e = a - 2.0 * _omega_cross(v_e) - _omega_cross(_omega_cross(r_e))
+    v_e = v - omega_cross(r_e)
+    a_e = a - 2.0 * omega_cross(v_e) - omega_cross(omega_cross(r_e))
     return np.hstack([r_e, v_e, a_e])
 
 
@@ -226,12 +227,6 @@ def _turned(vectors: Float64, angle: Float64) -> Float64:
     sine, cosine = np.sin(angle), np.cos(angle)
     x, y, z = vectors.T
     return np.column_stack([cosine * x - sine * y, sine * x + cosine * y, z])
-
-
-def _omega_cross(vectors: Float64) -> Float64:
-    """Return omega x r of vectors (n, 3)."""
-    x, y, z = vectors.T
-    return WGS84_OMEGA_RADPS * np.column_stack([-y, x, np.zeros_like(z)])
 
 
 def pair_delays(gnss: GnssTable, nav: EphemerisTable | BroadcastMessages) -> tuple[Float64, Int64]:

@@ -22,7 +22,7 @@ from insgnss.log.csv.dialect import DELIMITER_NAMES, FALLBACK_ENCODING, Dialect,
 from insgnss.log.csv.exact import last_line_is_cut, read_exact
 from insgnss.log.csv.fast import read_fast
 from insgnss.log.files import byte_stream, file_buffer
-from insgnss.tables import Event, Int64
+from insgnss.tables import Event, Float64, Int64
 
 
 @dataclass(kw_only=True)
@@ -40,6 +40,10 @@ class CsvTable(CsvRows):
         raw = file_buffer(self.path).to_pybytes().splitlines()[self.dialect.skip :]
         filled = np.flatnonzero(np.fromiter((bool(text) for text in raw), np.bool_, len(raw)))
         return np.asarray(filled + self.dialect.skip + 1, dtype=np.int64)
+
+    def column_or_nan(self, name: str) -> Float64:
+        """Return a column, or NaN where the file has none of this name."""
+        return self.columns[name] if name in self.columns else np.full(self.n, np.nan)
 
     def take(self, rows: npt.NDArray[np.intp]) -> CsvTable:
         """Return the table with the given rows, in ascending order."""

@@ -64,8 +64,8 @@ def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
         t_ns, rows, found = gps_times(table, config, week)
         table = table if rows is None else table.take(rows)
         t_ns, later = continued_times(t_ns, int(parts[-1][0][-1]) if parts else None, config, str(path))
-        values = np.column_stack([_column(table, name) for name in config.value_columns])
-        sigma = [_column(table, name) for name in config.sigma_columns]
+        values = np.column_stack([table.column_or_nan(name) for name in config.value_columns])
+        sigma = [table.column_or_nan(name) for name in config.sigma_columns]
         converted = _CONVERSIONS[type(config)](config, values)
         events += table.events + found + later + _bad_values(config, table, converted)
         parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
@@ -93,10 +93,6 @@ def _wanted(config: Sensor) -> ColumnSelection:
     needed = tuple(name for name in config.value_columns if name != NO_COLUMN)
     optional = (*needed, *(name for name in config.sigma_columns if name != NO_COLUMN))
     return ColumnSelection(optional=optional, chosen=(*needed, *config.columns.chosen_names()))
-
-
-def _column(table: CsvTable, name: str) -> Float64:
-    return table.columns[name] if name in table.columns else np.full(table.n, np.nan)
 
 
 def _odometer(config: Any, values: Float64) -> Float64:
