@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
+    from insgnss.studies.receiver.comparison import ReceiverStudy
+
 _NO_INS = "none"
 
 
@@ -51,10 +53,23 @@ def receiver(
     ] = None,
     runs: Annotated[int, typer.Option("--runs", help="Runs of each receiver at each C/N0.")] = 20,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
-    duration: Annotated[float, typer.Option("--duration", help="Seconds of a run.")] = 80.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", help="Seconds of a run. Default: 40 s from the start of the average, or less."
+        ),
+    ] = None,
     settle: Annotated[
-        float, typer.Option("--settle", help="Initial seconds of a run that are not evaluated.")
+        float, typer.Option("--settle", help="Second of a run at which C/N0 falls to its value.")
     ] = 40.0,
+    average_from: Annotated[
+        float | None,
+        typer.Option(
+            "--average-from",
+            help="Second of a run from which errors are averaged. Default: as soon as the predicted errors of the "
+            "slowest receiver have settled at the lowest C/N0, at most 120 s after the fall.",
+        ),
+    ] = None,
     step: Annotated[float, typer.Option("--step", help="Seconds of an integration.")] = 5e-3,
     interval: Annotated[
         float, typer.Option("--interval", help="Seconds between two updates of a second stage.")
@@ -105,6 +120,7 @@ def receiver(
         options = ReceiverOptions(
             duration_s=duration,
             settle_s=settle,
+            average_s=average_from,
             step_s=step,
             interval_s=interval,
             latency_s=latency,
@@ -140,8 +156,24 @@ def receiver(
     console.print(_summary(study.summary))
     if emitters is None:
         console.print(_thresholds(study.thresholds))
+    typer.echo(_averaged(study))
     where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _averaged(study: ReceiverStudy) -> str:
+    """Return from when errors are averaged, and which have not settled by then."""
+    options = study.asked["options"]
+    text = (
+        f"errors are averaged from {options['average_s']:g} s to {options['duration_s']:g} s of each run; "
+        f"C/N0 falls at {options['settle_s']:g} s"
+    )
+    if study.asked["emitters"] is not None:
+        text = text.partition(";")[0]
+    for name, rows in study.summary[study.summary["unsettled"] != ""].groupby("variant", sort=False):
+        levels = ", ".join(f"{level:g}" for level in rows["cn0_dbhz"])
+        text += f"\nnot settled by then: {rows['unsettled'].iloc[-1]} of {name} at {levels} dBHz"
+    return text
 
 
 def _oscillator(text: str) -> str | dict[str, float]:
@@ -154,7 +186,7 @@ def _oscillator(text: str) -> str | dict[str, float]:
 def _summary(table: pd.DataFrame) -> Table:
     from rich.table import Table
 
-    shown = Table(title="errors (rms) after settling, of the runs that held lock")
+    shown = Table(title="errors (rms), of the runs that held lock")
     columns = {
         "C/N0, dBHz": "cn0_dbhz",
         "lost, share": "lost",

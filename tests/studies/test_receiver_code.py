@@ -124,6 +124,7 @@ seeds_per_task = 2
 oscillator = 100.0
 duration_s = 12.0
 settle_s = 6.0
+average_s = 6.0
 [grid]
 imu = ["tactical", ""]
 cn0_dbhz = [45.0, 5.0]
@@ -135,7 +136,7 @@ def test_campaign_of_receivers_gives_the_runs_of_the_study(tmp_path: Path) -> No
     file.write_text(CAMPAIGN, encoding="utf-8")
     done = run_campaign(file, tmp_path / "out", workers=0)
     table = data_set(tmp_path / "out").to_table().to_pandas().set_index(["case_imu", "case_cn0_dbhz", "seed"])
-    options = ReceiverOptions(duration_s=12.0, settle_s=6.0)
+    options = ReceiverOptions(duration_s=12.0, settle_s=6.0, average_s=6.0)
     of = scene_of("manoeuvring_5g", "coherent", "tactical", {"drift_density": 100.0}, options).setting
     runs = run_many(of, VARIANTS["one_stage"], np.float64(45.0), 1, 4, 1)
 

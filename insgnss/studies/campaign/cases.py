@@ -26,9 +26,9 @@ from insgnss.studies.masking.cases import CaseResult, fly
 from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_flight
 from insgnss.studies.outage.study import Periodic, outage_study
 from insgnss.studies.outage.windows import Removal
-from insgnss.studies.receiver.comparison import receiver_row
+from insgnss.studies.receiver.comparison import case_flight, receiver_row
+from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight
 from insgnss.studies.receiver.options import ReceiverOptions
-from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
@@ -125,18 +125,21 @@ def receiver(case: Mapping[str, Any], seed: int) -> list[Row]:
     }
     asked = _asked(case, known | options)
     changed = tuple((name, case[name]) for name in options if name in case)
-    names = (str(asked[key]) for key in ("scenario", "tracking", "imu"))
-    scene = _receiver_scene(*names, asked["oscillator"], changed)
-    emitters = str(asked["emitters"]) or None
-    return [receiver_row(scene, str(asked["variant"]), float(asked["cn0_dbhz"]), seed, emitters)]
+    names = tuple(str(asked[key]) for key in ("scenario", "tracking", "imu", "variant", "emitters"))
+    flight = _receiver_flight(names, asked["oscillator"], float(asked["cn0_dbhz"]), changed)
+    return [receiver_row(flight, str(asked["variant"]), seed)]
 
 
 @lru_cache(maxsize=8)
-def _receiver_scene(
-    scenario: str, tracking: str, imu: str, oscillator: str | float, changed: tuple[tuple[str, Any], ...]
-) -> StudyScene:
+def _receiver_flight(
+    names: tuple[str, ...], oscillator: str | float, cn0_dbhz: float, changed: tuple[tuple[str, Any], ...]
+) -> ReceiverFlight:
+    """Return a receiver's flight; ``names`` of the scenario, tracking, IMU, receiver and emitters."""
+    scenario, tracking, imu, variant, emitters = names
     clock = oscillator if isinstance(oscillator, str) else {"drift_density": float(oscillator)}
-    return scene_of(scenario, tracking, imu or None, clock, ReceiverOptions(**dict(changed)))
+    options = ReceiverOptions(**dict(changed))
+    asked = FlightRequest(scenario, tracking, imu or None, clock, options, emitters or None)
+    return case_flight(asked, variant, cn0_dbhz)
 
 
 @lru_cache(maxsize=8)

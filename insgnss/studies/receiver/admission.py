@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from insgnss.errors import ConfigError
 from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
 from insgnss.simulation.closed_loop_sky import LONGEST_LATENCY_S
 from insgnss.studies.receiver.imu import require_gaps
-from insgnss.studies.receiver.options import ReceiverOptions
+from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
 from insgnss.studies.receiver.phase_return import SURE_SIGMAS
 from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import VARIANTS, Variant, variant_of
@@ -39,13 +40,65 @@ _MOTION: Final = (1e4, 1e5)  # a thousand g [m/s^2]; a day [s]
 _BEST_CN0_DBHZ: Final = 60.0
 
 
-def integrations(o: ReceiverOptions) -> tuple[int, int, int]:
-    """Return integrations in an interval, until settled, and in all.
+class Integrations(NamedTuple):
+    """Times of a study, in integrations."""
+
+    interval: int  # between two updates of a second stage
+    fall: int  # of C/N0
+    average: int  # from which on errors are averaged
+    total: int
+
+
+def check_times(o: ReceiverOptions) -> None:
+    """Refuse times of a run that are none.
+
+    Raises
+    ------
+    ConfigError : no numbers, or negative ones
+    """
+    require_not_negative(settle_s=o.settle_s)
+    if o.average_s is not None:
+        require_not_negative(average_s=o.average_s)
+    if o.duration_s is not None:
+        require_positive(duration_s=o.duration_s)
+
+
+def with_duration(o: ReceiverOptions, longest_s: float) -> ReceiverOptions:
+    """Return options with a duration: that which is asked for, or as long as errors may take to settle.
+
+    Raises
+    ------
+    ConfigError : the motion is too short for it
+    """
+    wanted_s = o.duration_s
+    if wanted_s is None:
+        average_s = o.settle_s + LONGEST_WAIT_S if o.average_s is None else o.average_s
+        wanted_s = average_s + AVERAGED_S
+        if max(o.settle_s, o.average_s or 0.0) < longest_s:
+            wanted_s = min(wanted_s, longest_s)
+    if wanted_s > longest_s:
+        raise ConfigError(
+            f"the motion lasts {longest_s:g} s from the study's begin on, the study {wanted_s:g} s",
+            key="duration_s"
+            if o.duration_s is not None
+            else "settle_s"
+            if o.average_s is None
+            else "average_s",
+            advice="give less, or a longer scenario",
+        )
+    return replace(o, duration_s=wanted_s)
+
+
+def integrations(o: ReceiverOptions) -> Integrations:
+    """Return the times of a study; its duration is given.
+
+    Errors are averaged from ``average_s`` on; where it is not given, from the fall of C/N0 on.
 
     Raises
     ------
     ConfigError : numbers that make no sense, or times that do not fit each other
     """
+    assert o.duration_s is not None
     require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s)
     _check_signal(o)
     require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
@@ -77,7 +130,15 @@ def integrations(o: ReceiverOptions) -> tuple[int, int, int]:
             key="duration_s",
             advice=f"fly longer than settle_s, and for {_MAX_INTEGRATIONS} integrations at most",
         )
-    return interval, settle, count
+    if o.average_s is None:
+        return Integrations(interval, settle, settle, count)
+    require_within(
+        o.settle_s,
+        o.duration_s - o.step_s,
+        "give a second between the fall of C/N0 (settle_s) and the end (duration_s)",
+        average_s=o.average_s,
+    )
+    return Integrations(interval, settle, round(o.average_s / o.step_s), count)
 
 
 def _check_signal(o: ReceiverOptions) -> None:

@@ -2,16 +2,18 @@
 
 | table | one row for each | columns |
 |-------|------------------|---------|
-| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz |
+| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz unsettled |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
-asked for, and then has the C/N0 of its row: errors that grow slowly with it, such as the position of a filter without
-phase tracking, need several times 40 s to reach their new level, and the average, which begins at once, is below it; the
-table of epochs shows them grow. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
+asked for, and then has the C/N0 of its row. Errors grow to their new level: a position without phase tracking in half a
+minute to several minutes, receivers that track the phase in seconds. They are averaged from ``options.average_s`` on,
+which is the same for all rows; where it is not given, from when the covariance that each filter predicts has settled at
+the lowest C/N0 (``receiver.settling``), at most two minutes after the fall. ``unsettled`` names the errors of a row that
+have not settled within the first tenth of the average: it is below the steady value. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
 those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
@@ -30,16 +32,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 import pandas as pd
 
-from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation
-from insgnss.config.filter import Visibility
 from insgnss.config.flight import ImuGrade
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
@@ -47,24 +46,21 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
-from insgnss.studies.receiver.admission import checked_call, require_answers, wanted_variants
-from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
+from insgnss.studies.receiver.admission import checked_call, wanted_variants
+from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
+from insgnss.studies.receiver.jammed_sky import emitters_of
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
-from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
-from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
-from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_seed, seeded
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
-SETTLED_DBHZ: Final = 45.0
 _TABLES: Final = ("summary", "thresholds", "channels", "searches", "epochs")
 _OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
 Report = Callable[[int, int], None]
@@ -162,16 +158,21 @@ def receiver_study(
     levels = checked_call(cn0, {"runs": runs, "threads": threads}, wanted, with_ins=imu is not None)
     require_seed(seed)
     _check_code(wanted, tracking)
-    scene = _masked(scene_of(scenario, tracking, imu, oscillator, options), options, antennas)
-    profiles = _profiles(scene, levels, emitters, antennas)
-    require_answers(scene.setting, wanted, profiles)
+    asked = FlightRequest(scenario, tracking, imu, oscillator, options, emitters, antennas)
+    flight = receiver_flight(asked, wanted, levels, threads)
+    scene, profiles = flight.scene, flight.profiles
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
         for level, profile in profiles.items():
             found[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
             if report is not None:
                 report(len(found), len(wanted) * len(profiles))
-    summary = pd.DataFrame([summary_row(scene, name, level, of) for (name, level), of in found.items()])
+    summary = pd.DataFrame(
+        [
+            summary_row(scene, name, level, of) | {"unsettled": flight.unsettled.get((name, level), "")}
+            for (name, level), of in found.items()
+        ]
+    )
     linear = {name: linear_threshold_dbhz(scene, variant) for name, variant in wanted.items()}
     return ReceiverStudy(
         summary,
@@ -186,6 +187,7 @@ def receiver_study(
         ),
         {
             "scenario": scene.name,
+            "begins_s": scene.begins_s,
             "variants": list(wanted),
             "tracking": tracking,
             "imu": imu if imu is None or isinstance(imu, str) else imu.model_dump(),
@@ -195,72 +197,34 @@ def receiver_study(
             "emitters": None if emitters is None else emitters_of(emitters).model_dump(mode="json"),
             "runs": runs,
             "seed": seed,
-            "options": options.told(),
+            "options": scene.options.told(),
         },
     )
 
 
-def receiver_row(
-    scene: StudyScene,
-    name: str,
-    cn0_dbhz: float,
-    seed: int,
-    emitters: InterferenceConfig | str | Path | None = None,
-) -> dict[str, float]:
+def case_flight(asked: FlightRequest, name: str, cn0_dbhz: float) -> ReceiverFlight:
+    """Return what one receiver flies through at one C/N0, for ``receiver_row``.
+
+    Raises
+    ------
+    ConfigError : an unknown receiver, or one that the tracking or the lack of an INS does not allow
+    """
+    wanted = {name: variant_of(name)}
+    levels = checked_call([cn0_dbhz], {}, wanted, with_ins=asked.imu is not None)
+    _check_code(wanted, asked.tracking)
+    return receiver_flight(asked, wanted, levels)
+
+
+def receiver_row(flight: ReceiverFlight, name: str, seed: int) -> dict[str, float]:
     """Return one run of one receiver as a row: that of ``summary`` for this run alone, and when it lost lock.
 
     ``lost`` is 1 where a channel lost lock; errors are then not a number.
-
-    Raises
-    ------
-    ConfigError : an unknown receiver, or one that the scene's tracking or its lack of an INS does not allow
     """
-    wanted = {name: variant_of(name)}
-    levels = checked_call([cn0_dbhz], {}, wanted, with_ins=scene.setting.inertial is not None)
-    _check_code(wanted, "coherent" if scene.setting.channels.coherent else "noncoherent")
-    profiles = _profiles(scene, levels, emitters, None)
-    require_answers(scene.setting, wanted, profiles)
-    (level, profile), *_ = profiles.items()
-    run = run_once(scene.setting, wanted[name], profile, seeded(seed, 0))
-    row = summary_row(scene, name, level, [run])
+    (level, profile), *_ = flight.profiles.items()
+    run = run_once(flight.scene.setting, variant_of(name), profile, seeded(seed, 0))
+    row = summary_row(flight.scene, name, level, [run])
     kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
     return kept | {"lost_s": float(run.lost_s.min())}
-
-
-def _masked(scene: StudyScene, options: ReceiverOptions, antennas: Installation | None) -> StudyScene:
-    """Return a scene whose receivers mask by attitude, where that is asked for.
-
-    Raises
-    ------
-    ConfigError : no antennas or no inertial system to do it with
-    """
-    if not options.masking:
-        return scene
-    if antennas is None or scene.setting.inertial is None:
-        advice = "give antennas, and an inertial system for the attitude"
-        raise ConfigError("hidden satellites cannot be determined", key="masking", advice=advice)
-    masking = ReceiverMasking(antennas, limits_of(Visibility()))
-    return replace(scene, setting=replace(scene.setting, masking=masking))
-
-
-def _profiles(
-    scene: StudyScene,
-    levels: list[float],
-    emitters: InterferenceConfig | str | Path | None,
-    antennas: Installation | None,
-) -> dict[float, Float64]:
-    """Return C/N0 over time, (n, 1) or (n, m), by the level that names it."""
-    truth = scene.setting.truth
-    gain = np.zeros((len(truth.t_s), 1)) if antennas is None else gain_dbic(truth, antennas)
-    if emitters is not None:
-        jammed = jammed_cn0_dbhz(truth, emitters_of(emitters), scene.start_s, antennas)
-        return {round(float(jammed.min()), 2): jammed}
-    profiles = {}
-    for level in levels:
-        profiles[level] = np.full((len(truth.t_s), 1), level)
-        profiles[level][: scene.setting.settle] = max(SETTLED_DBHZ, level)
-        profiles[level] = profiles[level] + gain
-    return profiles
 
 
 def _check_code(wanted: Mapping[str, Variant], tracking: str) -> None:

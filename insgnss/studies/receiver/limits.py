@@ -86,6 +86,7 @@ def linear_threshold_dbhz(scene: StudyScene, variant: Variant) -> float:
         receiver = ManoeuvringReceiver.of(
             scene.trajectory, setting.grade, density, carrier, sky, setting.truth.step_s
         )
-        return receiver.threshold(loop, settle_s=setting.settle * setting.truth.step_s).cn0_dbhz
+        settled_s = float(setting.truth.t_s[setting.settle]) - scene.trajectory.first_s
+        return receiver.threshold(loop, settle_s=settled_s).cn0_dbhz
     except ConfigError:  # holds everywhere, or nowhere: there is no threshold
         return math.nan

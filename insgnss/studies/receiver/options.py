@@ -11,14 +11,19 @@ from insgnss.simulation.closed_loop_sky import GPS_RADIUS_M
 # eight satellites well spread, two of them low
 AZIMUTH_DEG: Final = (20.0, 65.0, 110.0, 155.0, 200.0, 245.0, 290.0, 335.0)
 ELEVATION_DEG: Final = (12.0, 40.0, 20.0, 65.0, 15.0, 35.0, 70.0, 25.0)
+AVERAGED_S: Final = 40.0
+LONGEST_WAIT_S: Final = 120.0  # for errors to settle after the fall of C/N0
 
 
 @dataclass(frozen=True)
 class ReceiverOptions:
     """What a receiver study may change. Seconds, hertz, chips."""
 
-    duration_s: float = 80.0  # of the runs, settling included
-    settle_s: float = 40.0
+    # of the runs, settling included; None: AVERAGED_S from the start of the average on, as far as the motion allows
+    duration_s: float | None = None
+    settle_s: float = 40.0  # until C/N0 falls
+    # from which second of a run errors are averaged, as settle_s: from the fall on; None: when they have settled
+    average_s: float | None = None
     step_s: float = 5e-3  # T, an integration
     interval_s: float = 0.1  # T_n, between two updates of a second stage
     imu_rate_hz: float | None = None  # None: a sample for every integration

@@ -13,6 +13,7 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.config.library import file_of, imu_grade
 from insgnss.config.library import oscillator as oscillator_named
+from insgnss.config.manoeuvres import Straight
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError
@@ -25,9 +26,15 @@ from insgnss.simulation.closed_loop_sky import (
     orbits_towards,
 )
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.studies.receiver.admission import integrations, require_imu, require_slow_oscillator
+from insgnss.studies.receiver.admission import (
+    check_times,
+    integrations,
+    require_imu,
+    require_slow_oscillator,
+    with_duration,
+)
 from insgnss.studies.receiver.imu import UnknownMotion
-from insgnss.studies.receiver.options import ReceiverOptions
+from insgnss.studies.receiver.options import AVERAGED_S, ReceiverOptions
 from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import STARTS
 from insgnss.tables import Float64
@@ -53,6 +60,9 @@ class StudyScene:
     elevation_deg: Float64
     bandwidth_hz: float  # of the spectrum that a jammer of J/S lies in
     start_s: float  # seconds of the week at the trajectory's begin
+    begins_s: float  # seconds of the scenario at the study's begin
+    fall: int  # integration at which C/N0 falls
+    options: ReceiverOptions  # with its duration
 
     @property
     def channels(self) -> int:
@@ -77,21 +87,17 @@ def scene_of(
     ------
     ConfigError, ModelError : an unknown name, numbers that make no sense, or a motion shorter than the study
     """
-    o, step = options, options.step_s
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
-    interval, settle, count = integrations(o)
     require_imu(imu)
+    check_times(options)
     config, name = _motion(scenario)
     trajectory, whole_s = trajectory_of(config, Inputs(), 0)
-    if o.duration_s + _BEGINS_S > whole_s:
-        raise ConfigError(
-            f"the motion lasts {whole_s:g} s, the study {o.duration_s:g} s",
-            key="duration_s",
-            advice="give less, or a longer scenario",
-        )
+    begins_s = _begin_s(config, whole_s, options)
+    o, step = with_duration(options, whole_s - begins_s), options.step_s
+    interval, fall, average, count = integrations(o)
     r_e = trajectory.position_e(np.array([trajectory.first_s]))[0]
     sky = orbits_towards(r_e, o.azimuth_deg, o.elevation_deg, o.orbit_radius_m)
-    truth = closed_loop_truth(trajectory, sky, step, _BEGINS_S, count)
+    truth = closed_loop_truth(trajectory, sky, step, begins_s, count)
     sample_s = step if o.imu_rate_hz is None else 1.0 / o.imu_rate_hz
     setting = Setting(
         truth=truth,
@@ -104,7 +110,7 @@ def scene_of(
         drift_density=_drift_density(oscillator, o.carrier_hz),
         interval=interval,
         record_every=max(round(_RECORD_S / step), 1),
-        settle=settle,
+        settle=average,
         start=STARTS[tracking],
         unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
         latency_s=o.latency_s,
@@ -117,7 +123,26 @@ def scene_of(
     )
     require_slow_oscillator(setting.drift_density, setting.channels)
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
-    return StudyScene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
+    return StudyScene(
+        name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s, begins_s, fall, o
+    )
+
+
+def _begin_s(config: SimulationConfig, whole_s: float, o: ReceiverOptions) -> float:
+    """Return when the study begins, in seconds of the scenario.
+
+    Straight flight ahead of the first manoeuvre is cut short to ``settle_s``, as far as the motion lasts long enough:
+    the manoeuvre begins when C/N0 falls, at the latest.
+    """
+    straight_s = 0.0
+    for part in config.manoeuvre:
+        if not isinstance(part, Straight):
+            break
+        straight_s += part.duration_s
+    else:
+        return _BEGINS_S
+    latest_s = whole_s - (o.settle_s + AVERAGED_S if o.duration_s is None else o.duration_s)
+    return max(_BEGINS_S, min(straight_s - o.settle_s, latest_s))
 
 
 def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, str]:
