@@ -75,7 +75,8 @@ def iq(
                     threads=threads,
                     progress=tell,
                 )
-                results = {"summary": records(study.summary)}
+                reason = _without_errors(study, duration)
+                results = {"summary": records(study.summary)} | ({"note": reason} if reason else {})
                 if output is not None:
                     tell("writing")
                     results["wrote"] = [str(study.save(output, figure=pictures))]
@@ -92,7 +93,27 @@ def _print(study: SampleStudy | None, results: dict[str, object], output: Path |
         typer.echo(f"wrote {results['samples']} samples at {results['rate_hz']:g} Hz: {results['wrote']}")
         return
     result_console(110).print(_table(study))
+    if "note" in results:
+        typer.echo(results["note"])
     typer.echo("nothing was written" if output is None else f"wrote {output}")
+
+
+def _without_errors(study: SampleStudy, duration_s: float) -> str:
+    """Return why receivers have no errors, and which duration gives them; "" if all have errors."""
+    from insgnss.studies.samples.tables import SETTLED_S
+
+    rows = study.summary[study.summary["channels"] == 0]
+    if rows.empty:
+        return ""
+    first_s = float(rows["first_fix_s"].max())
+    if math.isnan(first_s):
+        return "No errors: no receiver has a position fix. Give a longer --duration, or a smaller --loss."
+    time_s = study.epochs["time_s"]
+    missing_s = first_s + SETTLED_S - float(time_s.max() - time_s.min())
+    return (
+        f"No errors: they are counted from {SETTLED_S:g} s after the first fix on, and the flight ends before. "
+        f"Give --duration {math.ceil(duration_s + missing_s)} or more."
+    )
 
 
 def _table(study: SampleStudy) -> Table:
@@ -116,8 +137,8 @@ def _table(study: SampleStudy) -> Table:
         table.add_row(
             f"{row['cn0_dbhz']:.1f}",
             str(row["receiver"]),
-            f"{100.0 * row['share_on_signal']:.0f} %",
-            f"{row['on_signal_at_end']:.0f} of {row['channels']:.0f}",
+            _number(100.0 * row["share_on_signal"], "%", 0),
+            f"{row['on_signal_at_end']:.0f} of {row['channels']:.0f}" if row["channels"] else "-",
             _number(row["position_rms_m"], "m"),
             _number(row["position_largest_m"], "m"),
             _number(row["position_over_sigma"], ""),
@@ -126,5 +147,5 @@ def _table(study: SampleStudy) -> Table:
     return table
 
 
-def _number(value: float, unit: str) -> str:
-    return "-" if not math.isfinite(value) else f"{value:.2f} {unit}".strip()
+def _number(value: float, unit: str, digits: int = 2) -> str:
+    return "-" if not math.isfinite(value) else f"{value:.{digits}f} {unit}".strip()

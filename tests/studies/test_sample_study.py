@@ -14,6 +14,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
+from insgnss.cli.iq import _table
 from insgnss.cli.main import app
 from insgnss.config.library import find
 from insgnss.config.sample_receiver import SampleReceiver
@@ -180,10 +181,28 @@ def test_command_records_samples_and_prints_a_summary(tmp_path: Path) -> None:
         app, ["iq", *common, "--duration", "3", "--loss", "0", "-r", "aided", "-o", out]
     )
     assert told.exit_code == 0, told.output
-    summary = json.loads(told.output)["summary"]
-    assert [row["receiver"] for row in summary] == ["aided"]
+    results = json.loads(told.output)
+    assert [row["receiver"] for row in results["summary"]] == ["aided"]
+    # errors are counted from 5 s after the first fix on
+    assert results["summary"][0]["position_rms_m"] is None
+    assert "Give --duration 8 or more" in results["note"]
     wrong = CliRunner().invoke(app, ["iq", *common, "--duration", "1", "--receiver", "both"])
     assert wrong.exit_code == 2
+
+
+def test_table_of_a_recording_without_errors_has_no_numbers_that_are_none() -> None:
+    numbers = (
+        "share_on_signal",
+        "position_rms_m",
+        "position_largest_m",
+        "position_over_sigma",
+        "velocity_rms_mps",
+    )
+    row = dict.fromkeys(numbers, math.nan) | {"cn0_dbhz": 33.0, "receiver": "aided", "channels": 0.0}
+    summary = pd.DataFrame([row | {"on_signal_at_end": 0.0}])
+    study = SampleStudy(summary, summary, summary, summary, SETTINGS)
+
+    assert [next(iter(column.cells)) for column in _table(study).columns] == ["33.0", "aided", *["-"] * 6]
 
 
 def test_weak_correlation_of_a_strong_signal_is_not_called_found(tmp_path: Path) -> None:
