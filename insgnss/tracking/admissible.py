@@ -38,6 +38,18 @@ def require_whole(least: int, advice: str, **named: object) -> None:
             raise ConfigError(f"{value!r}: a whole number from {least} on is needed", key=key, advice=advice)
 
 
+def require_truth_value(**named: object) -> None:
+    """Refuse what is neither true nor false.
+
+    Raises
+    ------
+    ConfigError : names the first one
+    """
+    for key, value in named.items():
+        if not isinstance(value, bool | np.bool_):
+            raise ConfigError(f"{value!r} is neither true nor false", key=key, advice="give True or False")
+
+
 def require_seed(seed: object) -> None:
     """Refuse what is not a seed.
 

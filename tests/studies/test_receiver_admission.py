@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from insgnss.errors import ConfigError
-from insgnss.studies import ReceiverOptions, receiver_study
+from insgnss.studies import RECEIVERS, ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
 
 NAN = math.nan
@@ -38,6 +39,10 @@ def flown(changed: dict[str, Any] | None = None, **asked: Any) -> ReceiverStudy:
         ("imu", {"imu": 5}),
         ("tracking", {"tracking": None}),
         ("variants", {"variants": (5,)}),
+        ("variants", {"variants": None}),
+        ("cn0", {"cn0": True}),
+        ("antennas", {"antennas": ()}),
+        ("options", {"options": None}),
     ],
 )
 def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[str, Any]) -> None:
@@ -51,7 +56,11 @@ def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[st
     [
         ("phase_kind", (None,)),
         ("step_s", ("a", None, 0.0, NAN)),
-        ("imu_gaps_s", (((1,),), (("a", "b"),), (1.0,))),
+        ("azimuth_deg", (("a",), None, (NAN,), "1")),
+        ("elevation_deg", ((None,), 5.0)),
+        ("masking", ("no", 1, None)),
+        ("estimates_cn0", ("yes", NAN)),
+        ("imu_gaps_s", (None, "1", ((1,),), (("a", "b"),), (1.0,))),
         ("told_cn0_dbhz", (NAN, math.inf, 500.0, -50.0)),
         ("least_cn0_dbhz", (NAN, 100.0)),
         ("carrier_hz", (1e-30, 1e30)),
@@ -69,6 +78,23 @@ def test_option_that_makes_no_sense_is_refused_by_its_key(key: str, values: tupl
     for value in values:
         with pytest.raises(ConfigError) as error:
             flown({key: value})
+        assert error.value.key == key and error.value.advice
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("kind", (99, -1, 1.5, None, True)),
+        ("words", (5, "")),
+        ("inflation", (NAN, 0.0, -1.0, None, math.inf)),
+        ("widening", (NAN, 0.0, "a")),
+        ("with_code", (1, "a", None, True)),
+    ],
+)
+def test_receiver_that_makes_no_sense_is_refused_by_its_key(key: str, values: tuple[Any, ...]) -> None:
+    for value in values:
+        with pytest.raises(ConfigError) as error:
+            replace(RECEIVERS["two_stage"], **{key: value})
         assert error.value.key == key and error.value.advice
 
 

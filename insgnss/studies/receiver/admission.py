@@ -25,6 +25,7 @@ from insgnss.tracking.admissible import (
     require_not_negative,
     require_number,
     require_positive,
+    require_truth_value,
     require_whole,
     require_within,
 )
@@ -49,13 +50,24 @@ class Integrations(NamedTuple):
     total: int
 
 
-def check_times(o: ReceiverOptions) -> None:
-    """Refuse times of a run that are none.
+def check_options(o: ReceiverOptions) -> None:
+    """Refuse what is not a set of options, and times, directions or choices in it that are none.
 
     Raises
     ------
-    ConfigError : no numbers, or negative ones
+    ConfigError : the first thing that makes no sense
     """
+    if not isinstance(o, ReceiverOptions):
+        raise ConfigError(f"{o!r} is not a set of options", key="options", advice="give ReceiverOptions(...)")
+    require_truth_value(masking=o.masking, estimates_cn0=o.estimates_cn0)
+    values: Any
+    for key, values in (("azimuth_deg", o.azimuth_deg), ("elevation_deg", o.elevation_deg)):
+        if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
+            raise ConfigError(
+                f"{values!r} is not a list of angles", key=key, advice="give degrees, as (20, 65)"
+            )
+        for value in values:
+            require_within(-360.0, 360.0, "give degrees", **{key: value})
     require_not_negative(settle_s=o.settle_s)
     if o.average_s is not None:
         require_not_negative(average_s=o.average_s)
@@ -184,7 +196,10 @@ def checked_call(
     ConfigError : the first thing that makes no sense
     """
     try:
-        levels = sorted({float(x) for x in np.atleast_1d(np.asarray(cn0, float))}, reverse=True)
+        given = np.atleast_1d(np.asarray(cn0))
+        if given.dtype == np.bool_:
+            raise TypeError
+        levels = sorted({float(x) for x in given}, reverse=True)
     except (TypeError, ValueError):
         raise ConfigError(
             f"{cn0!r} is not a list of C/N0", key="cn0", advice="give dBHz, as [45, 35]"
@@ -216,6 +231,9 @@ def wanted_variants(variants: Sequence[str | Variant]) -> dict[str, Variant]:
     ConfigError : an unknown name
     """
     asked: Sequence[Any] = (variants,) if isinstance(variants, str | Variant) else variants
+    if not isinstance(asked, Sequence | np.ndarray):
+        advice = f"give a list of {', '.join(VARIANTS)}"
+        raise ConfigError(f"{asked!r} is not a list of receivers", key="variants", advice=advice)
     found = [variant_of(each) for each in asked]
     return {
         name if isinstance(name, str) else each.words: each for name, each in zip(asked, found, strict=True)

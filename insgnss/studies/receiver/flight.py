@@ -24,7 +24,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.errors import ConfigError
-from insgnss.studies.receiver.admission import require_answers
+from insgnss.studies.receiver.admission import check_options, require_answers
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
@@ -76,6 +76,10 @@ def receiver_flight(
         that cannot give a result
     """
     o = asked.options
+    if not (asked.antennas is None or isinstance(asked.antennas, Installation)):
+        advice = "give an Installation of the vehicle's antennas, or None"
+        raise ConfigError(f"{asked.antennas!r} is not a set of antennas", key="antennas", advice=advice)
+    check_options(o)
     if asked.emitters is not None and o.average_s is None:
         asked = asked._replace(options=replace(o, average_s=o.settle_s))
     scene, profiles = _scene(asked, levels)

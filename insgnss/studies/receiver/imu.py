@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -71,13 +71,16 @@ def _is_full(values: Float64, limit: float | None, unit: float) -> np.ndarray[tu
     return np.asarray((np.abs(values) >= _FULL * limit * unit).any(axis=1))
 
 
-def require_gaps(gaps_s: Sequence[tuple[float, float]], duration_s: float) -> None:
+def require_gaps(gaps_s: Any, duration_s: float) -> None:
     """Refuse gaps that are none.
 
     Raises
     ------
     ConfigError : one that ends before it begins, or lies outside of the study
     """
+    if isinstance(gaps_s, str) or not isinstance(gaps_s, Sequence | np.ndarray):
+        advice = "give pairs of begin and end [s], as ((50.0, 50.2),); () for none"
+        raise ConfigError(f"{gaps_s!r} is not a list of gaps", key="imu_gaps_s", advice=advice)
     for gap in gaps_s:
         try:
             begin_s, end_s = (float(edge) for edge in gap)

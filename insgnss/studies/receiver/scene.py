@@ -27,7 +27,7 @@ from insgnss.simulation.closed_loop_sky import (
 )
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.studies.receiver.admission import (
-    check_times,
+    check_options,
     integrations,
     require_imu,
     require_slow_oscillator,
@@ -89,7 +89,7 @@ def scene_of(
     """
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
     require_imu(imu)
-    check_times(options)
+    check_options(options)
     config, name = _motion(scenario)
     trajectory, whole_s = trajectory_of(config, Inputs(), 0)
     begins_s = _begin_s(config, whole_s, options)

@@ -54,7 +54,13 @@ from insgnss.studies.receiver.workspace import (
     ReceiverDesign,
 )
 from insgnss.tables import Float64
-from insgnss.tracking.admissible import require_known
+from insgnss.tracking.admissible import (
+    require_known,
+    require_positive,
+    require_truth_value,
+    require_whole,
+    require_within,
+)
 from insgnss.units import mg_to_mps2
 
 
@@ -71,6 +77,32 @@ class Variant:
     inflation: float = 1.0
     widening: float = 1.0
     with_code: bool = False  # of one stage that tracks the phase
+
+    def __post_init__(self) -> None:
+        """Refuse a receiver that cannot exist.
+
+        Raises
+        ------
+        ConfigError : an unknown kind, factors that are not positive, or a receiver of code and phase with two stages
+        """
+        require_within(
+            SCALAR,
+            ONE_STAGE,
+            'start from one in RECEIVERS, as replace(RECEIVERS["aided"], ...)',
+            kind=self.kind,
+        )
+        require_whole(SCALAR, "start from one in RECEIVERS", kind=self.kind)
+        words: Any = self.words
+        if not isinstance(words, str) or not words:
+            raise ConfigError(f"{words!r} is not a description", key="words", advice="give a text")
+        require_positive("1 leaves the channels' variances as they are", inflation=self.inflation)
+        require_positive("1 leaves the oscillator's density as it is", widening=self.widening)
+        require_truth_value(with_code=self.with_code)
+        if self.with_code and self.kind != ONE_STAGE:
+            advice = 'take RECEIVERS["one_stage_code"], or with_code = False'
+            raise ConfigError(
+                "only a one-stage receiver tracks code and phase", key="with_code", advice=advice
+            )
 
     @property
     def has_filter(self) -> bool:
