@@ -14,16 +14,25 @@ RESET: Final = "reset"  # gaps of a sound log restart the filter, too
 MOST_RESETS: Final = 2
 MOST_REFUSED: Final = 1.0 / 3.0
 LEAST_ROWS: Final = 100
+# One fault is told in two or three events: that something has failed, and what it is
+SUSPECTS: Final = ("sensor_suspect", "time_tag_suspect")
+MOST_SUSPICIONS: Final = 3
+# Satellites fail one by one: where most of them drift away from the others, the fault is what they have in common
+MOST_DRIFTING: Final = 0.5
+WITHIN_S: Final = 300.0
+LEAST_SATELLITES: Final = 6
 REFUSED: Final = ("gated", "inconsistent", "drifting", "contradicts")
 KINDS: Final = ("pseudorange", "range_rate")
 
 
-def contradiction(events: pd.DataFrame, counts: pd.DataFrame, t_ns: int) -> list[Event]:
+def contradiction(
+    events: pd.DataFrame, measurements: pd.DataFrame, counts: pd.DataFrame, t_ns: int
+) -> list[Event]:
     """Return the event that sends the reader to the check of the logs; none of a run that looks sound.
 
     Parameters
     ----------
-    events : of the run so far
+    events, measurements : of the run so far
     counts : how many measurements of each kind (columns) have each status (rows)
     t_ns : time of the event
     """
@@ -35,13 +44,38 @@ def contradiction(events: pd.DataFrame, counts: pd.DataFrame, t_ns: int) -> list
         share = _refused_share(counts, kind)
         if share > MOST_REFUSED:
             signs.append(f"it refused {share:.0%} of the {kind.replace('_', ' ')}s")
+    suspicions = int(events["kind"].isin(SUSPECTS).sum())
+    if suspicions > MOST_SUSPICIONS:
+        signs.append(f"it suspected the inertial sensors or the time tags {suspicions} times")
+    drifting, of = _most_drifting(measurements)
+    if of >= LEAST_SATELLITES and drifting > MOST_DRIFTING * of:
+        signs.append(
+            f"it left out {drifting} of {of} satellites within five minutes as drifting away from the others"
+        )
     if not signs:
         return []
     detail = (
-        f"{' and '.join(signs)}: units, signs, axes or times may not be as declared, and errors may exceed"
+        f"{', '.join(signs)}: units, signs, axes, times or lever arm may not be as declared, and errors may exceed"
         " their sigmas; 'insgnss check FLIGHT' compares the logs"
     )
     return [Event(t_ns, KIND, detail)]
+
+
+def _most_drifting(measurements: pd.DataFrame) -> tuple[int, int]:
+    """Return how many satellites drifted in those five minutes in which most of them did, and of how many.
+
+    Spans overlap by half.
+    """
+    rates = measurements.loc[measurements["kind"] == "range_rate", ["time_s", "sv", "status"]]
+    each = []
+    for shift_s in (0.0, 0.5 * WITHIN_S):
+        span = (rates["time_s"] + shift_s) // WITHIN_S
+        used, drifted = (
+            rates.loc[rates["status"] == status, "sv"].astype("str").groupby(span).unique()
+            for status in ("used", "drifting")
+        )
+        each += [(len(gone), len(set(gone) | set(used.get(at, ())))) for at, gone in drifted.items()]
+    return max(each, key=lambda found: found[0] / found[1], default=(0, 0))
 
 
 def _refused_share(counts: pd.DataFrame, kind: str) -> float:

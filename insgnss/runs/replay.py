@@ -191,7 +191,8 @@ def replay(
 
 def _with_contradiction(run: Run, out: Output, week: int) -> pd.DataFrame:
     """Return a run's events, with one at its end where its logs contradict each other."""
-    doubts = contradiction(run.events, run.status_counts(), int(out.nav["t_ns"][out.counts[0].nav - 1]))
+    end_ns = int(out.nav["t_ns"][out.counts[0].nav - 1])
+    doubts = contradiction(run.events, run.measurements, run.status_counts(), end_ns)
     return pd.concat([run.events, event_table(doubts, week)], ignore_index=True) if doubts else run.events
 
 

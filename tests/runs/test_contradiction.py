@@ -14,6 +14,8 @@ from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import ImuTable
 from tests.runs.scenes import flight, kinds, turns
 
+NO_ROWS = pd.DataFrame({"time_s": [0.0], "sv": ["G01"], "kind": ["range_rate"], "status": ["used"]})
+
 
 @pytest.fixture(scope="module")
 def log() -> SimulatedLog:
@@ -41,11 +43,42 @@ def test_sound_logs_are_not_doubted(log: SimulatedLog) -> None:
 def test_resets_and_refusals_are_signs_each() -> None:
     counts = pd.DataFrame({"range_rate": [60, 40], "pseudorange": [100, 0]}, index=["used", "gated"])
     none = pd.DataFrame({"kind": ["start", "restart", *["reset"] * MOST_RESETS]})
-    (told,) = contradiction(none, counts, 7)
+    (told,) = contradiction(none, NO_ROWS, counts, 7)
     assert (
         told.t_ns == 7 and "it refused 40% of the range rates" in told.detail and "pseudo" not in told.detail
     )
-    assert contradiction(none, counts // 2, 7) == [], "50 rows are few"
+    assert contradiction(none, NO_ROWS, counts // 2, 7) == [], "50 rows are few"
     often = pd.DataFrame({"kind": ["reset", "restart", *["reset"] * MOST_RESETS]})
-    (told,) = contradiction(often, counts // 2, 7)
+    (told,) = contradiction(often, NO_ROWS, counts // 2, 7)
     assert told.detail.startswith("the filter was reset 3 times: ")
+
+
+def test_lever_arm_that_is_metres_off_is_told_at_the_end(log: SimulatedLog) -> None:
+    """Each turn contradicts it, and what is blamed is one sensor after the other."""
+    flown = flight(turns(), log)
+    gnss = flown.config.gnss.model_copy(update={"lever_arm_m": (-3.0, 4.0, -1.1)})
+    wrong = dataclasses.replace(flown, config=flown.config.model_copy(update={"gnss": gnss}))
+    last = insgnss.replay(wrong).events.iloc[-1]
+    assert last["kind"] == KIND and "lever arm" in last["detail"]
+
+
+def test_most_satellites_that_drift_and_many_suspicions_are_signs() -> None:
+    events = pd.DataFrame({"kind": ["sensor_suspect", "time_tag_suspect"] * 2})
+    counts = pd.DataFrame({"range_rate": [60], "pseudorange": [100]}, index=["used"])
+    (told,) = contradiction(events, NO_ROWS, counts, 7)
+    assert "suspected the inertial sensors or the time tags 4 times" in told.detail
+    assert contradiction(events.iloc[1:], NO_ROWS, counts, 7) == []
+    names = [f"G{k:02d}" for k in range(1, 9)]
+    rows = pd.DataFrame({"sv": names, "kind": "range_rate"})
+    parts = [
+        rows.assign(time_s=10.0, status="used"),
+        rows[:4].assign(time_s=20.0, status="drifting"),
+        rows[4:].assign(time_s=700.0, status="drifting"),
+        rows.assign(time_s=710.0, status="used"),
+    ]
+    assert contradiction(events[:0], pd.concat(parts, ignore_index=True), counts, 7) == [], (
+        "four in each five minutes"
+    )
+    five = pd.concat([*parts, rows[4:5].assign(time_s=30.0, status="drifting")], ignore_index=True)
+    (told,) = contradiction(events[:0], five, counts, 7)
+    assert "left out 5 of 8 satellites within five minutes" in told.detail
