@@ -14,7 +14,7 @@ RESET: Final = "reset"  # gaps of a sound log restart the filter, too
 MOST_RESETS: Final = 2
 MOST_REFUSED: Final = 1.0 / 3.0
 LEAST_ROWS: Final = 100
-# One fault is told in two or three events: that something has failed, and what it is
+# One fault has two or three events: that something has failed, and what it is
 SUSPECTS: Final = ("sensor_suspect", "time_tag_suspect")
 MOST_SUSPICIONS: Final = 3
 # Satellites fail one by one: where most of them drift away from the others, the fault is what they have in common

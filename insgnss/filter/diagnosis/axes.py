@@ -22,8 +22,10 @@ import numpy as np
 
 from insgnss.tables import Float64
 
-# sigmas of a jump, in those of the grade's bias, up to the widest
-_SIZES: Final = (2.0, 6.0, 20.0, 60.0, 200.0, 600.0, 2000.0)
+# sigmas of a jump, in those of the grade's bias: of a sensor that works on, and up to the widest of one that fails
+_SIZES: Final = (2.0, 6.0, 20.0)
+_FAILED: Final = (60.0, 200.0, 600.0, 2000.0)
+_RARER: Final = math.log(1e-4)  # than a jump is a failure
 # smallest eigenvalue of S over its largest, far above rounding
 _LEAST: Final = 1e-10
 _SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
@@ -49,8 +51,15 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     h = information @ moved
     J = information - np.eye(3) / widest**2
     wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
-    sizes = [size * sigma for size in _SIZES if size * sigma <= 1.001 * widest]
-    return {axes: _log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sizes) - wide for axes in _SETS}
+    jumps = [size * sigma for size in _SIZES]
+    failed = [size * sigma for size in _FAILED if size * sigma <= 1.001 * widest]
+    found = {}
+    for axes in _SETS:
+        J_of, h_of = J[np.ix_(axes, axes)], h[list(axes)]
+        found[axes] = _log_ratio(J_of, h_of, jumps) - wide
+        if failed:
+            found[axes] = float(np.logaddexp(found[axes], _RARER + _log_ratio(J_of, h_of, failed) - wide))
+    return found
 
 
 def _log_ratio(J: Float64, h: Float64, sizes: Sequence[float]) -> float:

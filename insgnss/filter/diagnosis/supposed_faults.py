@@ -22,7 +22,9 @@ SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
 RATES = "range rates"  # of all satellites
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
-SHOCK = "shock"  # the same of a few samples, as of a shock that exceeds the sensor's bandwidth or a spike
+# the same of a few samples of the accelerometers: a spike, or a shock beyond their bandwidth; a tilt that changes at
+# once would look like a bias that jumps
+SHOCK = "shock"
 EITHER_OR_LAPSE, EITHER_OR_SHOCK = "either or a lapse", "either or a shock"
 SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE, SHOCK)
 
@@ -31,10 +33,8 @@ LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 EARLIEST_S: Final = 90.0
-_LIE: Final = {
-    LAPSE: (10.0, math.radians(10.0)),
-    SHOCK: (1.0, math.radians(0.5)),
-}  # sigmas of velocity and attitude
+# sigmas of velocity [m/s] and attitude [rad] after wrong readings
+_LIE: Final = {LAPSE: (10.0, math.radians(10.0)), SHOCK: (1.0, 0.0)}
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
