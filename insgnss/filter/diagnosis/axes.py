@@ -22,9 +22,9 @@ import numpy as np
 
 from insgnss.tables import Float64
 
-# sigmas of a jump, in those of the grade's bias: of a sensor that works on, and up to the widest of one that fails
+# sigmas of a jump, in those of the grade's bias; one that fails jumps by more, up to the widest
 _SIZES: Final = (2.0, 6.0, 20.0)
-_FAILED: Final = (60.0, 200.0, 600.0, 2000.0)
+_STEP: Final = 10.0**0.5  # from each size of a failure to the next
 _RARER: Final = math.log(1e-4)  # than a jump is a failure
 # smallest eigenvalue of S over its largest, far above rounding
 _LEAST: Final = 1e-10
@@ -52,7 +52,8 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     J = information - np.eye(3) / widest**2
     wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
     jumps = [size * sigma for size in _SIZES]
-    failed = [size * sigma for size in _FAILED if size * sigma <= 1.001 * widest]
+    n_failed = int(math.log(widest / jumps[-1]) / math.log(_STEP) + 1e-6)
+    failed = [jumps[-1] * _STEP ** (k + 1) for k in range(n_failed)]
     found = {}
     for axes in _SETS:
         J_of, h_of = J[np.ix_(axes, axes)], h[list(axes)]
