@@ -271,8 +271,9 @@ class Navigator:
         self._tell_heading()
         if fix is None:
             self.opened = copy_bank(bank)
-            # where several antennas measure the attitude, they are its witness
-            self.trial = None if self.aid is not None else StartValidation(self.setup)
+            # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
+            chooses = self.aid is not None or self._parameters[0].visibility != 0
+            self.trial = None if chooses else StartValidation(self.setup)
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
