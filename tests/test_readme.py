@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import fields
 from pathlib import Path
-from typing import get_args
 
 import pytest
-from pydantic import BaseModel
 
 from insgnss import status
 from insgnss.cli.main import EXAMPLES, EXIT_CODES
 from insgnss.config.flight import FlightConfig
 from insgnss.runs.result import TABLES
+from insgnss.studies import ReceiverOptions
 from insgnss.version import __version__
+from tests.test_settings_pages import FILES, keys_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
@@ -23,6 +24,7 @@ FLIGHT_FILE = (DOCS / "flight-file.md").read_text(encoding="utf-8")
 COMMANDS = (DOCS / "command-line.md").read_text(encoding="utf-8")
 RESULT = (DOCS / "result.md").read_text(encoding="utf-8")
 ALL_PAGES = "\n".join([README, *(page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md")))])
+SETTINGS = {FlightConfig, *(schema for schemas in FILES.values() for schema in schemas)}
 MAKEFILE = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
 
 
@@ -34,22 +36,6 @@ def flight_example(uncommented: tuple[str, ...] = ()) -> str:
     for header in uncommented:
         blocks = [re.sub(r"^# ", "", b, flags=re.M) if b.startswith(f"# {header}") else b for b in blocks]
     return "\n\n".join(blocks)
-
-
-def models_in(annotation: object) -> list[type[BaseModel]]:
-    """Return the settings classes an annotation names, at any depth."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in models_in(argument)]
-
-
-def keys_of(model: type[BaseModel]) -> set[str]:
-    """Return every key of a settings class and of those inside it, but not the free text of a model's source."""
-    keys = set(model.model_fields) - {"source"}
-    for field in model.model_fields.values():
-        for inner in models_in(field.annotation):
-            keys |= keys_of(inner)
-    return keys
 
 
 def test_flight_example_is_a_valid_flight_file() -> None:
@@ -74,7 +60,8 @@ def test_flight_example_is_valid_with_its_own_start_and_grade() -> None:
 def test_flight_example_names_every_key_of_the_schema() -> None:
     words = set(re.findall(r"\w+", flight_example()))
 
-    assert keys_of(FlightConfig) - words == set()
+    # a model's source is free text
+    assert set(keys_of(FlightConfig)) - {"source"} - words == set()
 
 
 def test_flight_example_shows_the_defaults_of_what_may_be_left_out() -> None:
@@ -102,8 +89,10 @@ def test_every_status_that_a_page_names_exists() -> None:
     named = set(re.findall(words, ALL_PAGES))
 
     assert len(named) > 8
-    others = {"clock_bias_m", "clock_drift_mps", "no_measurements", "masked_bank"}
-    assert named - set(status.NAMES.values()) - others == set()  # columns, an event
+    others = {"clock_bias_m", "clock_drift_mps", "no_measurements", "masked_bank"}  # columns, an event
+    settings = {key for schema in SETTINGS for key in keys_of(schema)}
+    settings |= {field.name for field in fields(ReceiverOptions)}
+    assert named - set(status.NAMES.values()) - others - settings == set()
 
 
 def test_exit_codes_are_those_of_the_page() -> None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import insgnss
+from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.contradiction import KIND, MOST_RESETS, contradiction
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import ImuTable
 from tests.runs.scenes import flight, kinds, turns
 
+SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
 NO_ROWS = pd.DataFrame({"time_s": [0.0], "sv": ["G01"], "kind": ["range_rate"], "status": ["used"]})
 
 
@@ -53,11 +56,12 @@ def test_resets_and_refusals_are_signs_each() -> None:
     assert told.detail.startswith("the filter was reset 3 times: ")
 
 
-def test_lever_arm_that_is_metres_off_is_told_at_the_end(log: SimulatedLog) -> None:
-    """Each turn contradicts it, and what is blamed is one sensor after the other."""
-    flown = flight(turns(), log)
+def test_lever_arm_that_is_metres_off_is_told_at_the_end() -> None:
+    """Each turn of ten minutes contradicts it, and one sensor after the other is blamed; two minutes are too short."""
+    flown = Flight.load(SAMPLE)
     gnss = flown.config.gnss.model_copy(update={"lever_arm_m": (-3.0, 4.0, -1.1)})
-    wrong = dataclasses.replace(flown, config=flown.config.model_copy(update={"gnss": gnss}))
+    config = flown.config.model_copy(update={"gnss": gnss})
+    wrong = FlightInMemory(flown.path, config, flown.imu_grade, flown.oscillator, flown.read())
     last = insgnss.replay(wrong).events.iloc[-1]
     assert last["kind"] == KIND and "lever arm" in last["detail"]
 

@@ -158,7 +158,7 @@ def test_manoeuvre_begins_when_cn0_falls_in_a_short_study_too() -> None:
     assert np.ptp(speed[: at - 100]) < 1.0
     assert np.ptp(speed[at:]) > 100.0
     assert study(duration_s=30.0, settle_s=10.0, average_s=10.0).asked["begins_s"] == 20.0
-    # nothing but straight flight: there is no manoeuvre to wait for
+    # a flight that is straight throughout: no manoeuvre comes that could begin earlier
     assert scene_of("at_rest", "coherent", LOW, "tcxo", options).begins_s == 1.0
 
 

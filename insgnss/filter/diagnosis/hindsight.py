@@ -219,6 +219,8 @@ class Hindsight:
     def with_sound_axes(self, verdict: Verdict) -> Verdict:
         """Return a verdict on a sensor whose filter knows the axes that have not jumped as a sound one does."""
         widths = estimated_widths(verdict.suspect, self.setup, [(verdict.axes, verdict.moved)])
+        if np.array_equal(widths, self.largest_jumps(verdict.onset_ns)[verdict.suspect]):
+            return verdict
         bank = self.at(verdict.onset_ns)
         again = None if bank is None else self.from_onset(verdict.suspect, bank, {verdict.suspect: widths})
         return verdict if again is None else verdict._replace(bank=again.bank)

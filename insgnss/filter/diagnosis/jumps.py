@@ -21,7 +21,7 @@ WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped .
 _FAILED: Final = {ACCELEROMETER: 0.3 * STANDARD_GRAVITY_MPS2, GYRO: math.radians(1.0)}  # [m/s^2], [rad/s]
 _MOST_TURNED_RAD: Final = math.radians(10.0)  # ... which has not turned the attitude by more than this
 _SPARE: Final = (
-    1.5  # times a jump that was estimated with all axes unknown: the sigma with which it is estimated again
+    1.5  # a jump found with all axes unknown, times this, is the sigma with which it is estimated again
 )
 
 Widths: TypeAlias = Mapping[str, Float64]  # of a sensor: (3,) sigmas of the jumps [rad/s] or [m/s^2]

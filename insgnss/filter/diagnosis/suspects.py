@@ -135,10 +135,14 @@ def with_sound_axes(explanation: Explanation, again: Hindsight) -> Explanation:
     if explanation.suspect not in (ACCELEROMETER, GYRO):
         return explanation
     weights = log_weights(explanation.verdicts)
-    heavy = np.flatnonzero(weights > weights.max() - _SURE)
-    new = [again.with_sound_axes(v) if i in heavy else v for i, v in enumerate(explanation.verdicts)]
-    best = again.with_sound_axes(explanation.best)
-    return explanation._replace(verdicts=tuple(new), best=best)
+    heavy = weights > weights.max() - _SURE
+    renewed = {
+        id(verdict): again.with_sound_axes(verdict)
+        for verdict, counts in zip(explanation.verdicts, heavy, strict=True)
+        if counts or verdict is explanation.best
+    }
+    verdicts = tuple(renewed.get(id(verdict), verdict) for verdict in explanation.verdicts)
+    return explanation._replace(verdicts=verdicts, best=renewed[id(explanation.best)])
 
 
 def _unknown(verdict: Verdict) -> float:

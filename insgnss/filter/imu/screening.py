@@ -35,7 +35,15 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_density,
     unknown_variance,
 )
-from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike, note_spike, taken_of_spike
+from insgnss.filter.imu.spikes import (
+    WARM,
+    end_spike,
+    find_spike,
+    is_possible,
+    least_spike,
+    note_spike,
+    taken_of_spike,
+)
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
@@ -187,9 +195,8 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
     s.t_ns = t_ns
     s.n += 1
     s.left_out = 0
-    s.spike = 0
-    for i in range(6):
-        s.in_spike[i] = 0.0
+    if s.spike > 0:
+        end_spike(s)
 
 
 @kernel(inline=True)

@@ -106,3 +106,11 @@ def note_spike(s: ScreenRecord, w: Float64, f: Float64, k: int) -> None:
 def taken_of_spike(s: ScreenRecord, i: int) -> float:
     """Return what is taken for motion of axis ``i`` of a spike [rad] or [m/s]: half of it, of one sample nothing."""
     return 0.5 * float(s.in_spike[i]) if s.spike > 1 else 0.0
+
+
+@kernel(inline=True)
+def end_spike(s: ScreenRecord) -> None:
+    """Forget a spike once the next sample is taken."""
+    s.spike = 0
+    for i in range(6):
+        s.in_spike[i] = 0.0

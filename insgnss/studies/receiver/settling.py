@@ -1,10 +1,9 @@
 """When a receiver's errors have settled after C/N0 has fallen: by the covariance that its filter predicts.
 
-A covariance that forgets its begin is the same from any begin. So the filter runs twice without errors, which leaves
-its covariance as in any run: once with a hundredth of the initial sigmas and the C/N0 before the fall, from below, and
-once with ten times as large ones and the C/N0 after the fall from the begin on, from above. Both enclose the covariance
-of a run and the steady one, also along a manoeuvre, in which it is not constant. Where they differ by less than 5 % the
-run has settled.
+A covariance forgets its initial value. So the filter runs twice without errors, which leaves its covariance as in any
+run: once from below, with a hundredth of the initial sigmas and the C/N0 before the fall; and once from above, with ten
+times the initial sigmas and the C/N0 after the fall throughout. Both enclose the covariance of a run and the steady
+one, also along a manoeuvre, in which it is not constant. Where they differ by less than 5 % the run has settled.
 The covariance of channels with loops of their own is carried on from the fall until it is within 5 % of the steady one.
 
 At 28 dBHz without phase tracking (integrations of 10 ms, "industrial", "tcxo") the position settles in 28 s, with an
@@ -62,7 +61,7 @@ class Fall(NamedTuple):
 
     at: int  # integration
     fallen: Float64
-    steady: Float64  # that after the fall, from the begin on
+    steady: Float64  # that after the fall, throughout
     cn0_dbhz: float  # after the fall, at 0 dBic
 
 
@@ -75,7 +74,7 @@ def settling_s(setting: Setting, variant: Variant, fall: Fall) -> dict[str, floa
     narrow, wide = (replace(quiet, start=_scaled(setting.start, factor)) for factor in (_NARROWER, _WIDER))
     below = run_once(narrow, variant, fall.fallen, NoErrors()).sd
     above = run_once(wide, variant, fall.steady, NoErrors()).sd
-    # a filter that takes a C/N0 for true whatever arrives has no fall of its own: its begin is forgotten as fast
+    # a filter that takes a C/N0 for true whatever arrives has no fall of its own; its initial value fades as fast
     first = 0 if setting.told_cn0_dbhz is not None else math.ceil(fall.at / setting.record_every)
     step_s = setting.record_every * setting.truth.step_s
     found = {name: step_s * _agreed(below[first:, at], above[first:, at]) for name, at in _ERRORS.items()}
@@ -111,7 +110,7 @@ def _channels_settle_s(setting: Setting, variant: Variant, fall: Fall) -> tuple[
     try:
         H = _rows(setting, len(design.F), fall.cn0_dbhz if told is None else told)
         steady = predicted_covariance(model, H, 1.0)
-        # a channel that takes a C/N0 for true whatever arrives begins with next to no errors
+        # a channel that takes a C/N0 for true whatever arrives starts with next to no errors
         before = _rows(setting, len(design.F), max(SETTLED_DBHZ, fall.cn0_dbhz))
         P = predicted_covariance(model, before, 1.0) if told is None else 1e-2 * steady
     except ConfigError:
