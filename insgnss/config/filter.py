@@ -252,7 +252,9 @@ class HealthConfig(StrictModel):
         10.0, description="how long the mean NIS must exceed strain_nis before the filter counts as lost"
     )
     recovery: bool = Field(
-        True, description="whether the filter may be reset; off: it stays as it is, whatever the rows show"
+        True,
+        description="whether the filter may be reset, and another start take a given one's place;"
+        " off: it stays as it is, whatever the rows show",
     )
     suspicion_sigma: NotNegative = Field(
         4.5,

@@ -271,9 +271,9 @@ class Navigator:
         self._tell_heading()
         if fix is None:
             self.opened = copy_bank(bank)
-            # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
-            chooses = self.aid is not None or self._parameters[0].visibility != 0
-            self.trial = None if chooses else StartValidation(self.setup)
+            # where several antennas measure the attitude, they are its witness
+            tried = self.aid is None and self.setup.config.health.recovery
+            self.trial = StartValidation(self.setup) if tried else None
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)

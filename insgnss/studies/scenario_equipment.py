@@ -70,14 +70,14 @@ def filter_of(scenario: ScenarioConfig) -> FilterConfig:
 
 
 def without_fault_tests(config: FilterConfig) -> FilterConfig:
-    """Return the filter that believes every row: no gate, no test for faults, no reset. The paper uses this filter."""
+    """Return the filter that believes every row and its start: no gate, no test for faults, no reset; the paper's."""
     wide = dict.fromkeys(("pseudorange_sigma", "range_rate_sigma", "carrier_sigma"), _NO_LIMIT)
     none = dict.fromkeys(("residual_sigma", "drift_sigma", "reflected_below_db"), 0.0)
     return config.model_copy(
         update={
             "gates": config.gates.model_copy(update={**wide, "clock_jump_min_m": _NO_LIMIT}),
             "faults": config.faults.model_copy(update=none),
-            "health": config.health.model_copy(update={"strain_nis": _NO_LIMIT, "suspicion_sigma": 0.0}),
+            "health": config.health.model_copy(update={"strain_nis": _NO_LIMIT, "recovery": False}),
             "adaptation": config.adaptation.model_copy(update={"on": False}),
         }
     )

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import insgnss
-from insgnss.config.flight import GivenStart
+from insgnss.config.flight import GivenStart, MountedAntenna
 from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter import navigator
 from insgnss.filter.engine import FilterEngine
 from insgnss.filter.start.trial import StartValidation
 from insgnss.filter.whole_log import run_filter
 from insgnss.gnss.observation_rows import GnssRows, one_epoch
+from insgnss.log.flight import Flight
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.course import ManoeuvreSequence
@@ -37,6 +39,7 @@ from tests.runs.scenes import (
     true_start,
 )
 
+SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
 RATE_HZ = 50.0
 AT_S = 3.0
 MOVING_S = 30.0  # the car of ``drive`` has its speed by then
@@ -99,6 +102,38 @@ def assert_attitude_right(run: Run, from_s: float) -> None:
     worst = ratios(after(run, from_s))[ANGLES].max()
     assert worst.max() < 5.0, worst.to_dict()
     assert run.nav["sd_yaw_deg"].iloc[-1] < 5.0
+
+
+@pytest.mark.parametrize("yaw", [180.0, -75.0])
+def test_wrong_heading_is_found_out_where_it_chooses_the_satellites(yaw: float) -> None:
+    """A wrong heading masks the wrong satellites. Without a trial the truth came after 84 s and three resets."""
+    flown = Flight.load(SAMPLE)
+    gnss = flown.config.gnss.model_copy(update={"antenna": (MountedAntenna(pattern="patch_l1"),)})
+    nav = insgnss.replay(flown).nav
+    truth = nav[nav["time_s"] >= START_S + 150.0].iloc[0]
+    roll_deg, pitch_deg, yaw_deg, *velocity, lat_deg, lon_deg, h_m = truth[
+        [*ANGLES, "vn_mps", "ve_mps", "vd_mps", "lat_deg", "lon_deg", "h_m"]
+    ].tolist()
+    wrong = GivenStart(
+        time_s=float(truth["time_s"]),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        h_m=h_m,
+        v_ned_mps=tuple(velocity),
+        rpy_deg=(roll_deg, pitch_deg, (yaw_deg + yaw + 180.0) % 360.0 - 180.0),
+        sd_position_m=5.0,
+        sd_velocity_mps=0.5,
+        sd_roll_pitch_deg=1.0,
+        sd_yaw_deg=1.0,
+    )
+    config = flown.config.model_copy(update={"start": wrong, "gnss": gnss})
+    run = insgnss.replay(FlightInMemory(flown.path, config, flown.imu_grade, flown.oscillator, flown.read()))
+    refused = run.events[run.events["kind"].isin(["restart", "reset"])]
+    assert len(refused) == 1 and "contradict the given start" in refused["detail"].iloc[0]
+    assert run.events["kind"].eq("masking_on").any()
+    found_s = float(refused["time_s"].iloc[0]) - wrong.time_s
+    assert found_s < 20.0
+    assert_attitude_right(run, wrong.time_s - START_S + found_s + 1.0)
 
 
 @pytest.mark.parametrize("at_s", [AT_S, MOVING_S], ids=["at rest", "moving"])

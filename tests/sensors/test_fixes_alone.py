@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import insgnss
@@ -254,6 +255,16 @@ def test_check_holds_the_inertial_samples_against_the_fixes(tmp_path: Path) -> N
     late = [p for f in examine(insgnss.Flight.load(path)).findings for p in f.proposals]
     assert [p.key for p in late] == ["imu.time.offset_s"]
     assert late[0].value == pytest.approx(0.0, abs=0.05)
+
+
+def test_check_tells_how_long_fixes_and_velocities_pause(tmp_path: Path) -> None:
+    path = saved_without_gnss(tmp_path, "steep_turns", 240.0)
+    for name in ("sensor_position.csv", "sensor_velocity.csv"):
+        log = pd.read_csv(path.parent / name, dtype=str)
+        log.drop(index=range(100, 103)).to_csv(path.parent / name, index=False)
+
+    gaps = [f.text for f in examine(insgnss.Flight.load(path)).findings if f.text.startswith("GNSS gap")]
+    assert len(gaps) == 1 and gaps[0].startswith("GNSS gap of 4 s from ")
 
 
 def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> None:

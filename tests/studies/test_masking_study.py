@@ -146,7 +146,7 @@ def test_filter_without_fault_tests_believes_what_no_mask_refuses() -> None:
     plain = masking_study(runs=1, fault_tests=False)
 
     # second looks at the last minute are tests, too
-    assert without_fault_tests(filter_of(scenario_config("sokolov_2015"))).health.suspicion_sigma == 0.0
+    assert not without_fault_tests(filter_of(scenario_config("sokolov_2015"))).health.recovery
 
     assert case_row("a", plain)["refused"] == 0
     # a false row of 150 m or more among ten of 2 m

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from insgnss.constants import NS_PER_S
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
-from insgnss.status import BAD_VALUE, USED
+from insgnss.status import BAD_VALUE, CONTRADICTS, USED
 from insgnss.tables import Event
 
 _MEMORY_S: Final = 6.0  # of the share of refused times: after ten seconds of nothing else it is 0.8
@@ -44,6 +44,8 @@ class RefusalWatch:
         for entry in entries:
             by_kind.setdefault(entry.kind, []).append(entry)
         for name, rows in by_kind.items():
+            if all(row.status == CONTRADICTS for row in rows):
+                continue  # an event of its own names them and their end
             refused = all(row.status != USED for row in rows)
             before = self.kinds.get(name, Refusals(0.0, t_ns, t_ns, False))
             step = 1.0 - math.exp(-(t_ns - before.last_ns) / NS_PER_S / _MEMORY_S)

@@ -34,6 +34,7 @@ from insgnss.filter.start.start import StartHeading, headings_around
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
 from insgnss.filter.update.epoch_space import FilterWorkspace
+from insgnss.filter.update.masking import OFF
 from insgnss.gnss.observation_rows import GnssRows, one_epoch
 from insgnss.tables import Bool, Event, Float64
 
@@ -109,9 +110,12 @@ class StartValidation:
         if self._calm(bank, t_ns) and t_ns - self.taken_ns < _CALM_PERIOD_NS:
             return None
         self.taken_ns = t_ns
-        # likelihoods compare only where errors are taken to last as long for all
+        # likelihoods compare only where errors are taken to last as long for all ...
         self.bank.state["lasting"] = bank.state["lasting"][bank.head[0].leader]
-        self._update(imu, rows, epoch, parameters)
+        # ... and all use the same satellites: none is masked by an attitude that is in question
+        every = parameters.copy()
+        every["visibility"] = OFF
+        self._update(imu, rows, epoch, every)
         if self.over:
             return None
         if len(bank.state) == self.n_given:

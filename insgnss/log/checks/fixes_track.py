@@ -98,7 +98,8 @@ def _between(v_s: Float64, values: Float64, at_s: Float64) -> Float64:
     from scipy.interpolate import CubicSpline
 
     after = np.clip(np.searchsorted(v_s, at_s), 1, len(v_s) - 1)
-    near = (at_s >= v_s[0]) & (at_s <= v_s[-1]) & (v_s[after] - v_s[after - 1] <= LONGEST_GAP_S)
+    between = (at_s >= v_s[0]) & (at_s <= v_s[-1]) & (v_s[after] - v_s[after - 1] <= LONGEST_GAP_S)
+    near = between | np.isin(at_s, v_s)  # a reading itself borders on a pause
     return np.where(near[:, None], CubicSpline(v_s, values)(at_s), np.nan)
 
 
