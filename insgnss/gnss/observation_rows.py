@@ -6,7 +6,7 @@ Everything here is done for the whole log at once, before the filter's loop.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -239,6 +239,22 @@ def some_epochs(rows: GnssRows, begin: int, end: int) -> GnssRows:
         before=rows.before[part],
         before_ns=rows.before_ns[begin:end],
     )
+
+
+def joined_epochs(parts: Sequence[GnssRows]) -> GnssRows:
+    """Return the rows of successive parts of a log as one.
+
+    The parts have the same broadcast ionosphere, and carriers either in all or in none.
+    """
+
+    def column(name: str) -> npt.NDArray[Any]:
+        arrays = [getattr(part, name) for part in parts]
+        return np.concatenate(arrays, dtype=arrays[0].dtype)
+
+    names = [name for name in GnssRows._fields if name not in ("first", "klobuchar")]
+    counts = np.concatenate([np.diff(part.first) for part in parts])
+    first = np.concatenate(([0], np.cumsum(counts)))
+    return GnssRows(**{name: column(name) for name in names}, first=first, klobuchar=parts[0].klobuchar)
 
 
 def satellite_name(number: int) -> str:

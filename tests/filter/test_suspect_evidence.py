@@ -10,6 +10,7 @@ import pytest
 from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.hindsight import Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, WIDEST
+from insgnss.filter.diagnosis.past import EpochRange, in_one_piece
 from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELLITES
 from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
 from insgnss.filter.diagnosis.witnesses import KindColumns, least_nis
@@ -17,7 +18,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.state import BA, new_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
-from tests.filter.scene import new_filter, place
+from tests.filter.scene import new_filter, place, rows_of
 
 SIGMA = 0.5  # of the grade's bias
 BANK = new_bank(1, 0)
@@ -64,13 +65,14 @@ def test_prior_that_is_far_too_wide_costs_little(jump: float, price: float) -> N
 
 
 def test_wandering_clock_is_one_event_and_not_one_of_each_row() -> None:
-    """Eleven rows that are all three sigmas off by the clock, and eleven of which each is off by itself."""
+    """Two epochs of eleven rows: all three sigmas off by the clock, and each off by itself."""
     rng = np.random.default_rng(4)
-    status, r, p = np.full(11, USED), np.full(11, 0.01), np.full(11, 1.0)
-    clock = KindColumns(3.0 + 0.1 * rng.normal(size=11), r + p, p, status)
-    assert least_nis(clock) / 11 < 2.5 < 7.0 < float(np.mean(clock.innovation**2 / clock.variance))
-    each = KindColumns(3.0 * rng.choice([-1.0, 1.0], 11), r + p, p, status)
-    assert least_nis(each) / 11 > 7.0
+    off = np.concatenate([3.0 + 0.1 * rng.normal(size=11), 3.0 * rng.choice([-1.0, 1.0], 11)])
+    p = np.ones(22)
+    rows = KindColumns(off, 0.01 + p, p, np.full(22, USED))
+    clock, each = least_nis(rows, np.repeat([0, 1], 11)) / 11
+    assert clock < 2.5 < 7.0 < float(np.mean(off[:11] ** 2 / rows.variance[:11]))
+    assert each > 7.0
 
 
 def test_jump_of_one_axis_is_found_on_that_axis() -> None:
@@ -170,3 +172,17 @@ def test_onset_that_fits_is_taken_only_where_it_is_about_as_likely() -> None:
     assert explanations([likeliest, late], 0.0)[0].best is likeliest
     near = at(1.5, 47.9, True)
     assert explanations([likeliest, late, near], 0.0)[0].best is near
+
+
+def test_past_of_a_stream_is_rerun_in_one_piece_but_not_across_another_ionosphere() -> None:
+    """A call of the loop costs as much as several epochs."""
+    at = [np.arange(n, n + 2) * 10**9 for n in (0, 2, 4)]
+    parts = [rows_of(t_ns, np.full((5, 8), float(t_ns[0]))) for t_ns in at]
+    learnt = parts[2]._replace(klobuchar=np.full(8, 0.1))
+
+    whole, later = in_one_piece(tuple(EpochRange(part, 0, 2) for part in (*parts[:2], learnt)))
+    assert (whole.first, whole.last) == (0, 4) and whole.rows.first.tolist() == [0, 5, 10, 15, 20]
+    assert whole.rows.epoch_ns.tolist() == [0, 10**9, 2 * 10**9, 3 * 10**9]
+    np.testing.assert_array_equal(whole.rows.sat, np.concatenate([part.sat for part in parts[:2]]))
+    assert later.rows.klobuchar is learnt.klobuchar and later.rows.epoch_ns.tolist() == at[2].tolist()
+    assert len(in_one_piece((EpochRange(parts[0], 1, 2),))[0].rows.epoch_ns) == 1

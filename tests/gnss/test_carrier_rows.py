@@ -9,7 +9,15 @@ import pytest
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.carrier_rows import ABSENT, carrier_rows
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, GnssRows, from_epoch, prepare_rows
+from insgnss.gnss.observation_rows import (
+    CARRIER,
+    N_KINDS,
+    GnssRows,
+    from_epoch,
+    joined_epochs,
+    prepare_rows,
+    some_epochs,
+)
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.status import (
     BAD_VALUE,
@@ -217,3 +225,13 @@ def test_last_epoch_alone_knows_what_the_whole_log_knew() -> None:
         assert repr(getattr(part, name).tolist()) == repr(getattr(whole, name)[tail].tolist())
     assert part.before_ns.tolist() == whole.epoch_ns[-2:-1].tolist()
     assert CARRIER == N_KINDS - 1
+
+
+@pytest.mark.parametrize("carrier", [True, False])
+def test_parts_of_a_log_joined_are_the_log(carrier: bool) -> None:
+    whole = rows_of(log(), carrier)
+    parts = [some_epochs(whole, begin, end) for begin, end in [(0, 1), (1, 4), (4, 4), (4, EPOCHS)]]
+    joined = joined_epochs(parts)
+    for name in GnssRows._fields:
+        assert getattr(joined, name).tobytes() == getattr(whole, name).tobytes()
+        assert getattr(joined, name).dtype == getattr(whole, name).dtype

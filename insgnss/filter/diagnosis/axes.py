@@ -65,9 +65,8 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
 
 def _log_ratio(J: Float64, h: Float64, sizes: Sequence[float]) -> float:
     """Return ln B of some axes, the mean over the sigmas of their jump."""
-    log_ratios = []
-    for size in sizes:
-        A = np.eye(len(h)) + size**2 * J
-        gain = size**2 * float(h @ np.linalg.solve(A, h))
-        log_ratios.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
+    size2 = np.square(sizes)
+    A = np.eye(len(h)) + size2[:, None, None] * J
+    gain = size2 * (np.linalg.solve(A, h[:, None])[..., 0] @ h)
+    log_ratios = 0.5 * gain - 0.5 * np.maximum(np.linalg.slogdet(A)[1], 0.0)
     return float(np.logaddexp.reduce(log_ratios)) - math.log(len(sizes))

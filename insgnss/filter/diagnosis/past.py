@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.state import Bank, copy_bank
-from insgnss.gnss.observation_rows import GnssRows, some_epochs
+from insgnss.gnss.observation_rows import GnssRows, joined_epochs, some_epochs
 
 _EVERY_NS: Final = 15 * NS_PER_S
 _KEPT: Final = 5  # so the oldest is 60 to 75 s old
@@ -28,9 +28,9 @@ class EpochRange(NamedTuple):
     first: int
     last: int
 
-    def alone(self) -> EpochRange:
-        """Return the epochs without the rest of their log; they share their memory with it."""
-        return EpochRange(some_epochs(self.rows, self.first, self.last), 0, self.last - self.first)
+    def alone(self) -> GnssRows:
+        """Return the rows of the epochs without the rest of their log; they share their memory with it."""
+        return some_epochs(self.rows, self.first, self.last)
 
 
 EpochRanges: TypeAlias = tuple[EpochRange, ...]
@@ -127,6 +127,26 @@ class FilterHistory:
         """Return an empty past."""
         empty = self.after_verdict(True)
         return replace(empty, in_vain=self.in_vain)
+
+
+def in_one_piece(epochs: EpochRanges) -> EpochRanges:
+    """Return epochs in as few stretches as they fit in: each costs every rerun a call of the loop.
+
+    A stream hands in epoch after epoch, and may learn another broadcast ionosphere between two.
+    """
+    alike: list[list[GnssRows]] = []
+    for rows in (each.alone() for each in epochs):
+        last = alike[-1][-1] if alike else None
+        has_carrier = len(rows.carrier) > 0
+        if (
+            last is not None
+            and (len(last.carrier) > 0) == has_carrier
+            and np.array_equal(last.klobuchar, rows.klobuchar)
+        ):
+            alike[-1].append(rows)
+        else:
+            alike.append([rows])
+    return tuple(EpochRange(rows, 0, len(rows.epoch_ns)) for rows in map(joined_epochs, alike))
 
 
 def rows_at(stretches: EpochRanges, t_ns: int) -> GnssRows:

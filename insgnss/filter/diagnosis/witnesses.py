@@ -47,7 +47,7 @@ class EpochLog(NamedTuple):
         """Return its output of the rows of one kind."""
         if kind == CARRIER:
             return KindColumns(*(self.carrier[name] for name in KindColumns._fields))
-        return KindColumns(*(self.ledger[name][:, kind] for name in KindColumns._fields))
+        return _of_kind(self.ledger, kind)
 
 
 def used_and_refused(status: Int64) -> tuple[Bool, Bool]:
@@ -67,29 +67,47 @@ def fits(written: list[EpochLog], strict: bool) -> bool:
     ``strict`` is for what explains much in any case: sensors whose errors are unknown.
     """
     late = written[-_FITTING_EPOCHS:]
+    if not late:
+        return False
+    epoch = np.repeat(np.arange(len(late)), [len(w.slot) for w in late])
+    ledger = np.concatenate([w.ledger for w in late])
     for kind in range(2):
-        used, refused = judged(np.concatenate([w.of_kind(kind).status for w in late]))
-        if used + refused < FEW:
+        rows = _of_kind(ledger, kind)
+        used, refused = used_and_refused(rows.status)
+        n_used = int(np.sum(used))
+        n_judged = n_used + int(np.sum(refused))
+        if n_judged < FEW:
             continue
-        if used < _FITS[strict] * (used + refused):
+        if n_used < _FITS[strict] * n_judged:
             return False
-        if sum(least_nis(w.of_kind(kind)) for w in late) > _LARGEST_NIS[strict] * used:
+        if np.sum(least_nis(_of_kind(ledger[used], kind), epoch[used])) > _LARGEST_NIS[strict] * n_used:
             return False
-    return bool(late)
+    return True
 
 
-def least_nis(rows: KindColumns) -> float:
-    """Return the normalised squares of an epoch's used rows of one kind, summed.
+def _of_kind(ledger: Table, kind: int) -> KindColumns:
+    return KindColumns(*(ledger[name][:, kind] for name in KindColumns._fields))
+
+
+def least_nis(used: KindColumns, epoch: Int64) -> Float64:
+    """Return the normalised squares of each epoch's used rows of one kind, summed (m,).
 
     Equation: y^T S^-1 y with S = diag(s), s the variances of the innovations, or with S = diag(s - p) + q q^T,
     q_i = sqrt(p_i), p their predicted parts: as if the errors of the prediction were independent, or all the same as
     the clock's is. The smaller of the two: a clock that wanders by three sigmas is one event and not one of each row.
+
+    Parameters
+    ----------
+    epoch : (n,) place of each row's epoch among the m, from 0 on
     """
-    used = rows.status == USED
-    y, s, p = rows.innovation[used], rows.variance[used], rows.predicted[used]
+    y, s, p = used.innovation, used.variance, used.predicted
     r = s - p
-    common = float(np.sum(y**2 / r) - np.sum(y * np.sqrt(p) / r) ** 2 / (1.0 + np.sum(p / r)))
-    return min(float(np.sum(y**2 / s)), common)
+
+    def summed(each: Float64) -> Float64:
+        return np.bincount(epoch, each).astype(np.float64)
+
+    common = summed(y**2 / r) - summed(y * np.sqrt(p) / r) ** 2 / (1.0 + summed(p / r))
+    return np.minimum(summed(y**2 / s), common)
 
 
 def singles(written: list[EpochLog], since_ns: int) -> list[tuple[int, ...]]:
