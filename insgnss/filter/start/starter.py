@@ -13,6 +13,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
+from insgnss.filter.start.first_levels import begin_with_model_noise
 from insgnss.filter.start.fix import Fix, fix_epoch
 from insgnss.filter.start.mean_acceleration import levelling_motion
 from insgnss.filter.start.rest import samples_show_rest, slight_acceleration, velocities_show_rest
@@ -87,8 +88,12 @@ class Starter:
         if window is None or motion is None:
             return None, fix, []
         if self.carried is not None:
-            return self._carried_start(self.carried, imu, fix, window, motion, par)
-        return self._automatic_start(imu, fix, window, motion, par, patient=patient)
+            found = self._carried_start(self.carried, imu, fix, window, motion, par)
+        else:
+            found = self._automatic_start(imu, fix, window, motion, par, patient=patient)
+        if found[0] is not None and self.carried is None:
+            begin_with_model_noise(found[0], rows, epoch, par)
+        return found
 
     def _carried_start(
         self,
@@ -209,6 +214,7 @@ class Starter:
         back = (t_epoch - t_ns) / NS_PER_S
         kin = given_kinematics(start, t_ns, seen.clocks - seen.drift * back, seen.drift, w, par)
         bank = self._open(kin, attitudes, w, par, imu)
+        begin_with_model_noise(bank, rows, epoch, par)
         self.given = False
         return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
 

@@ -1,0 +1,44 @@
+"""The noise levels with which a filter begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insgnss.filter.parameters import KindNumbers, Parameters
+from insgnss.filter.rows.row_noise import STATED_FLOOR2
+from insgnss.filter.state import Bank
+from insgnss.geodesy.local_level import up_direction
+from insgnss.gnss.noise_model import measurement_variance, stated_variance
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
+from insgnss.status import USED
+from insgnss.tables import Float64
+
+
+def begin_with_model_noise(bank: Bank, rows: GnssRows, epoch: int, par: Parameters) -> None:
+    """Set the noise levels of a bank so that sigmas which the log states too small are those of the model at first.
+
+    A level that is too high falls within a few epochs, as the residuals show it. One that is far too low stays: the
+    loudest rows are refused, and the others seem as quiet as stated.
+    """
+    if not par.adapt_gain > 0.0:
+        return
+    for kind in (PSEUDORANGE, RANGE_RATE):
+        level = _stated_level(rows, epoch, par, kind, bank.state[0].r_e)
+        bank.state["noise_factor"][:, kind] = min(max(level, 1.0), float(par.adapt_most))
+
+
+def _stated_level(rows: GnssRows, epoch: int, par: Parameters, kind: int, r_e: Float64) -> float:
+    """Return the mean ratio of the model's variance to that which the log states, of the rows of one kind."""
+    of: KindNumbers = par.kind[kind]
+    part = slice(int(rows.first[epoch]), int(rows.first[epoch + 1]))
+    offered = rows.observation["status"][part, kind] == USED
+    row, sight = rows.observation[part][offered], rows.sat[part, :3][offered] - r_e
+    sine = sight @ np.array(up_direction(r_e)) / np.linalg.norm(sight, axis=1)
+    ratios = [
+        measurement_variance(s, thermal, of.floor2, of.elevation2, of.cn02, of.missing_thermal)
+        / stated_variance(stated, STATED_FLOOR2 * of.floor2)
+        if stated > 0.0
+        else 1.0
+        for s, thermal, stated in zip(sine, row["thermal"], row["sigma"][:, kind], strict=True)
+    ]
+    return float(np.mean(ratios)) if ratios else 1.0
