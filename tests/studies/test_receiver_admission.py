@@ -30,6 +30,7 @@ def flown(changed: dict[str, Any] | None = None, **asked: Any) -> ReceiverStudy:
     [
         ("drift_density", {"oscillator": {"drift_density": 1e30}}),
         ("drift_density", {"oscillator": {"drift_density": "a"}}),
+        *(("drift_density", {"oscillator": {"drift_density": least}}) for least in (1e-30, -1.0, NAN)),
         ("oscillator", {"oscillator": 5.0}),
         *(("runs", {"runs": runs}) for runs in (2.5, NAN, True, 0)),
         *(("seed", {"seed": seed}) for seed in (1.5, NAN, -1)),
@@ -60,17 +61,17 @@ def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[st
         ("elevation_deg", ((None,), 5.0)),
         ("masking", ("no", 1, None)),
         ("estimates_cn0", ("yes", NAN)),
-        ("imu_gaps_s", (None, "1", ((1,),), (("a", "b"),), (1.0,))),
+        ("imu_gaps_s", (None, "1", ((1,),), (("a", "b"),), (1.0,), ((1.001, 1.002),))),
         ("told_cn0_dbhz", (NAN, math.inf, 500.0, -50.0)),
         ("least_cn0_dbhz", (NAN, 100.0)),
         ("carrier_hz", (1e-30, 1e30)),
         ("chip_hz", (1e-9, 1e15)),
-        ("orbit_radius_m", (1e20,)),
+        ("orbit_radius_m", (1e20, 1e6)),
         ("replica_step_m", (1e9,)),
         ("replica_step_mps", (1e9,)),
         ("interval_s", (1e9,)),
         ("unknown_mps2", (1e30,)),
-        ("unknown_s", (1e30,)),
+        ("unknown_s", (1e30, 1e-6)),
         ("symbol_s", (NAN, 0.0, -1.0)),
     ],
 )
@@ -108,6 +109,23 @@ def test_cn0_that_is_told_and_estimated_is_refused() -> None:
     with pytest.raises(ConfigError, match="estimates its C/N0 too") as error:
         flown({"told_cn0_dbhz": 40.0, "estimates_cn0": True})
     assert error.value.key == "told_cn0_dbhz"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("latency_s", 0.05), ("imu_rate_hz", 100.0), ("imu_gaps_s", ((1.0, 2.0),))]
+)
+def test_setting_of_an_inertial_system_that_is_not_there_is_refused(key: str, value: object) -> None:
+    with pytest.raises(ConfigError, match="no inertial system") as error:
+        flown({key: value}, imu=None)
+    assert error.value.key == key
+
+
+def test_divergence_of_phase_and_code_that_no_receiver_sees_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no receiver compares") as error:
+        flown({"divergence_density": 1e-3})
+    assert error.value.key == "divergence_density"
+    wandered = flown({"divergence_density": 1e-3}, variants=("one_stage", "one_stage_code")).summary
+    assert wandered["lost"].tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])

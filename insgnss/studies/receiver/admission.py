@@ -38,6 +38,7 @@ _CARRIER_HZ: Final = (1e8, 1e11)  # of satellite navigation: 1.1 to 5 GHz, and r
 _CHIP_HZ: Final = (1e4, 1e9)
 _ORBIT_M: Final = 1e9  # beyond the Moon no satellite navigates
 _MOTION: Final = (1e4, 1e5)  # a thousand g [m/s^2]; a day [s]
+_SHORTEST_MOTION: Final = 0.1  # of an integration: a shorter correlation time is lost in rounding
 _BEST_CN0_DBHZ: Final = 60.0
 
 
@@ -114,10 +115,11 @@ def integrations(o: ReceiverOptions) -> Integrations:
     require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s)
     _check_signal(o)
     require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
-    require_gaps(o.imu_gaps_s, o.duration_s)
+    require_gaps(o.imu_gaps_s, o.duration_s, o.step_s)
     require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
     require_within(0.0, _MOTION[0], "a thousand g at most", unknown_mps2=o.unknown_mps2)
-    require_within(0.0, _MOTION[1], "a day at most", unknown_s=o.unknown_s)
+    shortest_s = _SHORTEST_MOTION * o.step_s
+    require_within(shortest_s, _MOTION[1], "a tenth of step_s to a day", unknown_s=o.unknown_s)
     require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
     if o.imu_rate_hz is not None:
         require_within(10.0, 10_000.0, "samples per second", imu_rate_hz=o.imu_rate_hz)
@@ -276,6 +278,26 @@ def require_slow_oscillator(drift_density: float, channels: ChannelConstants) ->
             f"{t:g} s: B T is too large",
             key="step_s",
             advice=f"integrate for a shorter time, or take an oscillator below {most:.2g} rad^2/s^3",
+        )
+
+
+def require_used(o: ReceiverOptions, wanted: Mapping[str, Variant], *, with_ins: bool) -> None:
+    """Refuse options that no receiver of the study uses.
+
+    Raises
+    ------
+    ConfigError : settings of an inertial system where there is none, or a divergence of phase and code without code
+    """
+    asked = {"latency_s": o.latency_s > 0.0, "imu_gaps_s": len(o.imu_gaps_s) > 0}
+    unused = [key for key, is_set in (asked | {"imu_rate_hz": o.imu_rate_hz is not None}).items() if is_set]
+    if unused and not with_ins:
+        advice = f"give an inertial system, or leave out {unused[0]}"
+        raise ConfigError("there is no inertial system", key=unused[0], advice=advice)
+    if o.divergence_density > 0.0 and not any(variant.with_code for variant in wanted.values()):
+        raise ConfigError(
+            "no receiver compares phase with code",
+            key="divergence_density",
+            advice='add "one_stage_code" to the receivers, or leave it at 0',
         )
 
 

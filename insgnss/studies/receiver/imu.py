@@ -7,6 +7,7 @@ a replay bridges a gap. Over times shorter than the correlation time that is mor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -22,6 +23,7 @@ from insgnss.units import RAD_PER_DEG
 
 TURNING: Final = (0.5, 1.0)  # one sigma of an unknown rate on each axis [rad/s], and its correlation time [s]
 _FULL: Final = 0.999  # of the range: a saturated reading
+_ROUNDING: Final = 1e-9  # of an integration
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,12 @@ def _is_full(values: Float64, limit: float | None, unit: float) -> np.ndarray[tu
     return np.asarray((np.abs(values) >= _FULL * limit * unit).any(axis=1))
 
 
-def require_gaps(gaps_s: Any, duration_s: float) -> None:
+def require_gaps(gaps_s: Any, duration_s: float, step_s: float) -> None:
     """Refuse gaps that are none.
 
     Raises
     ------
-    ConfigError : one that ends before it begins, or lies outside of the study
+    ConfigError : one that ends before it begins, lies outside of the study, or between two integrations
     """
     if isinstance(gaps_s, str) or not isinstance(gaps_s, Sequence | np.ndarray):
         advice = "give pairs of begin and end [s], as ((50.0, 50.2),); () for none"
@@ -92,4 +94,10 @@ def require_gaps(gaps_s: Any, duration_s: float) -> None:
                 f"a gap from {begin_s:g} to {end_s:g} s",
                 key="imu_gaps_s",
                 advice=f"give pairs of begin and end within {duration_s:g} s, after the first integration",
+            )
+        if not math.ceil(begin_s / step_s - _ROUNDING) * step_s < end_s:
+            raise ConfigError(
+                f"no integration of {step_s:g} s falls into the gap from {begin_s:g} to {end_s:g} s",
+                key="imu_gaps_s",
+                advice=f"give a gap of {step_s:g} s at least",
             )

@@ -96,6 +96,8 @@ def scene_of(
     o, step = with_duration(options, whole_s - begins_s), options.step_s
     interval, fall, average, count = integrations(o)
     r_e = trajectory.position_e(np.array([trajectory.first_s]))[0]
+    lowest_m = float(np.linalg.norm(r_e))
+    require_within(lowest_m, math.inf, "give metres from the Earth's centre", orbit_radius_m=o.orbit_radius_m)
     sky = orbits_towards(r_e, o.azimuth_deg, o.elevation_deg, o.orbit_radius_m)
     truth = closed_loop_truth(trajectory, sky, step, begins_s, count)
     sample_s = step if o.imu_rate_hz is None else 1.0 / o.imu_rate_hz

@@ -159,6 +159,7 @@ STARTS: Final = {
 }
 # position and clock where code and phase are tracked, and each phase less its code
 _FOUND_M: Final = 5.0
+_LEAST_DRIFT: Final = 1e-12  # far below any clock's [rad^2/s^3]
 
 
 def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
@@ -168,13 +169,13 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
 
     Raises
     ------
-    ConfigError : the density is not a number from 0 on
+    ConfigError : the density is neither 0 nor a number from 1e-12 on
     """
-    if not 0.0 <= drift_density < math.inf:
+    if drift_density != 0.0 and not _LEAST_DRIFT <= drift_density < math.inf:
         raise ConfigError(
             f"invalid drift density {drift_density:g}",
             key="drift_density",
-            advice="give rad^2/s^3, one-sided: 0.02 to 1000",
+            advice="give rad^2/s^3, one-sided: 0.02 to 1000, or 0 for an oscillator without drift",
         )
     h_minus2 = 0.5 * drift_density / (2.0 * math.pi * carrier_hz) ** 2 / (2.0 * math.pi**2)
     return Oscillator(h0_s=0.0, h_minus2_per_s=h_minus2)
