@@ -1,4 +1,7 @@
-"""Phases that begin from one position: how long the error of that position stays what it was."""
+"""Phases that begin from one position: how long the error of that position stays what it was.
+
+Least squares over all phases, and the one-stage receiver itself, at rest and without noise.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,28 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from insgnss.constants import C_MPS
+from insgnss.filter.state import BA, CLOCK, DR, DRIFT, DV
 from insgnss.simulation.closed_loop_sky import lines_of_sight, orbits_towards
+from insgnss.studies.receiver.imu import UnknownMotion
+from insgnss.studies.receiver.loop import run_receiver
 from insgnss.studies.receiver.options import AZIMUTH_DEG, ELEVATION_DEG
+from insgnss.studies.receiver.runs import channel_room, new_found
+from insgnss.studies.receiver.variants import (
+    STARTS,
+    VARIANTS,
+    InitialSigmas,
+    TrueStart,
+    feeling_nothing,
+    filter_room,
+    oscillator_of,
+    receiver_of,
+    without_ins,
+)
+from insgnss.studies.receiver.workspace import AidingInputs, ReceiverHistory, SignalArrivals
+from insgnss.tracking.lock_detectors import SLIP_SHARE
+from insgnss.tracking.phase_discriminators import PhaseDiscriminator
+from insgnss.tracking.vector_loop import channels_of, levels_of, noise_count
 
 USER = np.array([2.8e6, 1.6e6, 5.5e6])
 AFTER_S = 1200.0
@@ -112,3 +135,61 @@ def test_rising_satellite_begins_from_pseudo_coordinates_without_a_jump_and_from
         before, abs=1e-4
     )
     assert np.linalg.norm(pseudo_coordinates(late, own_code) - before) > 1.0
+
+
+T, CARRIER_HZ, RECORD = 0.02, 1.6e9, 50
+
+
+@cache
+def one_stage_begun_at(off_m: float) -> tuple[np.ndarray, ReceiverHistory, np.ndarray]:
+    """Return X^P - X (k, 3) of the receiver a second apart, its history, and its satellites at the end (8, 6)."""
+    count, m = round(AFTER_S / T), len(AZIMUTH_DEG)
+    sky = orbits_towards(USER, AZIMUTH_DEG, ELEVATION_DEG)
+    sat = np.ascontiguousarray(sky.states(np.repeat(T * np.arange(count)[:, None], m, axis=1)))
+    true, rates = np.empty((2, count, m))
+    lines_of_sight(sat, np.tile(USER, (count, 1)), np.zeros((count, 3)), true, rates)
+    place = USER + off_m * OFFSET
+    counted = true + ranges(sat[0], place) - ranges(sat[0], USER)  # phases that begin from that place
+
+    channels, oscillator = (
+        channels_of("coherent", T, CARRIER_HZ, 1.022e6, phase_kind="atan"),
+        oscillator_of(1.0, CARRIER_HZ),
+    )
+    unknown, rng = UnknownMotion(1e-4, 1e3), np.random.default_rng(52)
+    at = TrueStart(place, np.zeros(3), np.eye(3), 0.0, 0.0, np.zeros(3))
+    exact = InitialSigmas(*(1e-9,) * 6)
+    f = filter_room(without_ins(unknown), oscillator, exact, at, rng, False)
+    for first, size, sigma in ((DR, 3, 3.0), (CLOCK, 1, 3.0), (DV, 3, 0.01), (DRIFT, 1, 0.01), (BA, 3, 1e-4)):
+        for i in range(first, first + size):
+            f.P[i, i] = sigma**2
+    receiver = receiver_of(VARIANTS["one_stage"], T, 5, 1.0, unknown, (1e9, 1e9, 0), RECORD, 0)
+    room = channel_room(receiver, counted[0], rates[:2], STARTS["coherent"], rng, T)
+    level, found = np.full((count, m), levels_of(70.0)), new_found(receiver, count, m, count)
+    told = AidingInputs(sat, *vars(feeling_nothing(USER, count)).values(), level, np.zeros((count, 2)))
+    arriving = SignalArrivals(counted, rates, level, np.zeros((count, m)))
+    run_receiver(
+        receiver, channels, arriving, told, f, room, np.zeros((count, m, noise_count(channels))), found
+    )
+    return found.state[:, :3] - USER, found, sat[-1]
+
+
+def first_beyond_aperture_s(found: ReceiverHistory) -> float:
+    limit = SLIP_SHARE * PhaseDiscriminator("atan").aperture_rad / (2.0 * math.pi * CARRIER_HZ / C_MPS)
+    beyond = np.flatnonzero((np.abs(found.offsets[:, :, 0]) > limit).any(axis=1))
+    return float(beyond[0]) * T * RECORD if beyond.size else math.inf
+
+
+def test_one_stage_receiver_moves_as_least_squares_over_its_phases_says() -> None:
+    error, found, last = one_stage_begun_at(0.1)
+    first = rows(satellites(0.0)[:OVERHEAD])
+    leak = np.linalg.pinv(rows(last)) @ (first - rows(last)) @ np.append(0.1 * OFFSET, 0.0)
+
+    assert error[0] == pytest.approx(0.1 * OFFSET, abs=1e-4)
+    assert error[-1] - error[0] == pytest.approx(leak[:3], abs=2e-4)
+    assert first_beyond_aperture_s(found) == math.inf
+
+
+def test_phases_of_a_one_stage_receiver_that_begins_metres_off_leave_the_aperture_within_minutes() -> None:
+    # what no position explains grows as the satellites move: by 1 mm/s for 5 m, of 35 mm that data bits leave
+    assert 30.0 < first_beyond_aperture_s(one_stage_begun_at(5.0)[1]) < 100.0
+    assert 150.0 < first_beyond_aperture_s(one_stage_begun_at(1.0)[1]) < 500.0

@@ -210,6 +210,7 @@ def take_observation(
     """Pass a channel's observations to the filter or to the channel's own; ``row`` (7,) is the table's."""
     seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
     begun = room.pulling[c] > 0 and pull_in(receiver, channels, variances[0], f, room, c)
+    room.met[c] = 1
     if channels.with_code:
         if begun:
             offset_range_row(room.u[c], f.h[0])

@@ -4,7 +4,8 @@ A phase discriminator sees an offset up to whole distances between its stable po
 a pilot. Where the sigma of the predicted phase is a small part of that distance, the phase goes on as it was. Else its
 cycle is unknown: what it measures first says nothing of position or velocity. It begins a state of its own, by how much
 the phase's range is off from the predicted one, with the covariance that this makes with all other states
-(``begin_phase``). From then on only its changes count.
+(``begin_phase``). From then on only its changes count. The phase of a satellite that rises, which was not seen before,
+begins in this way however well it is predicted: its fraction of a cycle was not known either.
 
 For ``PULL_IN`` integrations the observation is the angle of the prompt correlator, which is linear as far as the
 neighbouring points; other discriminators are so close to zero only. Where the range rate is so uncertain that the next
@@ -93,7 +94,7 @@ def pull_in(
     one_stage = receiver.kind == ONE_STAGE
     own_column(f, c)
     D = phase_variance(f.P, f.columns, room.u[c], f.h[0]) if one_stage else room.P[c, 0, 0]
-    if not SURE_SIGMAS * math.sqrt(D) > 0.5 * cycle_m(channels):
+    if room.met[c] == 1 and not SURE_SIGMAS * math.sqrt(D) > 0.5 * cycle_m(channels):
         return False
     room.pulling[c] = PULL_IN
     if one_stage:

@@ -300,6 +300,7 @@ def channel_room(
         offset=np.zeros(3),
         seen=np.zeros(N_SEEN),
         silent=np.zeros(m, np.int64),
+        met=np.zeros(m, np.int64),
         pulling=np.zeros(m, np.int64),
         fresh=np.zeros(m, np.int64),
         cycles=np.zeros(m),

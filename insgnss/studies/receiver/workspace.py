@@ -85,6 +85,7 @@ class ChannelRoom(NamedTuple):
     offset: Float64  # (3,)
     seen: Float64  # (4,)
     silent: Int64  # (m,) 1: nothing was seen in the last integration
+    met: Int64  # (m,) 1: the channel has seen its signal before
     pulling: Int64  # (m,) integrations for which a phase that has returned is still pulled in
     fresh: Int64  # (m,) 1: the filter does not know the phase's cycle yet
     cycles: Float64  # (m,) by which the phase's range counts otherwise than at the begin, in truth [m]
