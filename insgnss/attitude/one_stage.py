@@ -7,6 +7,10 @@ there is no ambiguity to resolve; in exchange the first attitude must be right t
 With gyros the attitude is carried on by their increments, and the state has their biases in the place of the rates:
 
     C_nb <- C_nb exp([theta - b T] x),    psi' = -C_nb delta b,    b' = white noise
+
+Against phase differences of the same integrations with the same gyros (``GyroAttitude``; three antennas 1 m apart,
+eight satellites, 10 ms, MEMS): the same errors from 45 to 28 dBHz (1.4 to 5 arc minutes), 6.0 and 7.6 at 25 dBHz; from
+24 dBHz down no cycle of a phase difference is known in 10 ms, and one stage goes on (6.2 at 24 dBHz, 9.3 at 22 dBHz).
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from insgnss.attitude.aperture import apertures
 from insgnss.attitude.array_observability import information, observability
 from insgnss.attitude.baselines import attitude_matrices, difference_covariance, phase_differences, triangle
 from insgnss.attitude.correlator_bank import draw_correlators, phase_variances, signal_ratios
+from insgnss.attitude.gyro_attitude import GyroAttitude, GyroErrors
 from insgnss.attitude.gyro_trial import Swing
 from insgnss.attitude.one_stage import ANGLE, OneStage, lock_range, recovery_curve
 from insgnss.errors import ConfigError, GeometryError
@@ -212,6 +213,58 @@ def test_gyros_carry_through_rotation_what_white_rates_do_not() -> None:
     with_gyros = np.sqrt(np.mean([np.sum(e[:3] ** 2) for e in errors]))
 
     assert with_gyros < 0.5 * np.sqrt(np.mean(square[200:]))
+
+
+def against_phase_differences(cn0_dbhz: float, seed: int) -> tuple[float, float, float]:
+    """Return rms errors of attitude after 3 s with the same correlators and gyros, and the share of phases used.
+
+    First of one stage, then of the gyro-aided filter that takes the phase differences of each integration [rad].
+    """
+    T, steps, sd, runs = 0.01, 300, np.radians(0.6), 12
+    a, rng = signal_ratios(np.full((3, 8), cn0_dbhz), T), np.random.default_rng(seed)
+    one = model(parameters="rotation", a=a, increment_noise=ARW**2 * T)
+    two = GyroAttitude(one.array, GyroErrors(BIAS_SD, 0.0, 0.0, ARW, 0.0, 1e6))
+    attitudes = attitude_matrices(Swing(2.0).angles(T * np.arange(steps + 1)))
+    psi, squares, used = [phase_differences(C, one.array, one.sky) for C in attitudes], np.zeros(2), 0
+    for _ in range(runs):
+        bias, C = (
+            BIAS_SD * rng.standard_normal(3),
+            rotation_matrix(sd * rng.standard_normal(3)) @ attitudes[0],
+        )
+        first = replace(one.start(to_euler(attitudes[0]), sd, BIAS_SD), C_nb=C, rpy=to_euler(C))
+        second = two.start(C, sd)
+        for k in range(steps):
+            increment = rotation_vector(attitudes[k].T @ attitudes[k + 1]) + T * bias
+            increment += ARW * np.sqrt(T) * rng.standard_normal(3)
+            Z = draw_correlators(psi[k + 1], a, rng)
+            first = one.step(first, Z, increment)
+            second = two.predicted(second, increment[None] / T, T)
+            second, update = two.corrected(
+                second, np.angle(Z[1:] * np.conj(Z[:1])), phase_variances(a), one.sky
+            )
+            used += update.n_used
+        for i, C_nb in enumerate((first.C_nb, second.C_nb)):
+            squares[i] += np.sum(rotation_vector(C_nb @ attitudes[-1].T) ** 2)
+    return *np.sqrt(squares / runs), used / (runs * steps * len(one.sky.los_n))
+
+
+@pytest.mark.parametrize(("cn0_dbhz", "seed"), [(45.0, 41), (35.0, 42), (30.0, 43)])
+def test_one_stage_is_as_good_as_phase_differences_while_their_cycles_are_known(
+    cn0_dbhz: float, seed: int
+) -> None:
+    one_stage, differences, used = against_phase_differences(cn0_dbhz, seed)
+
+    assert one_stage == pytest.approx(
+        differences, rel=0.1
+    )  # the noise is the same: what is left is the squares' bias
+    assert used > 0.99
+
+
+def test_one_stage_goes_on_at_a_level_at_which_no_cycle_of_a_phase_difference_is_known() -> None:
+    one_stage, differences, used = against_phase_differences(23.0, 44)
+
+    assert used < 0.3
+    assert one_stage < 0.5 * differences
 
 
 def test_gyros_that_are_half_there_are_told() -> None:
