@@ -103,3 +103,23 @@ def test_filter_coasts_and_is_honest() -> None:
     coasted = epochs[epochs["time_s"].between(125.0, 135.0)]["velocity_mps"].max()
     after = epochs[epochs["time_s"] > 160.0]["velocity_mps"].max()
     assert coasted > after
+
+
+@pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])
+def test_channels_that_never_come_back_are_in_the_table_while_the_filter_coasts(tracking: str) -> None:
+    options = ReceiverOptions(duration_s=12.0, settle_s=6.0, average_s=6.0, least_cn0_dbhz=30.0)
+    study = receiver_study(
+        "manoeuvring_5g", variants=("optimal", "one_stage"), tracking=tracking, imu="tactical", cn0=(45.0, 10.0),
+        runs=2, seed=4, options=options,
+    )  # fmt: skip
+
+    assert (study.searches["cn0_dbhz"] == 10.0).all()
+    counts = study.searches.groupby(["variant", "run"])["channel"].nunique()
+    assert counts.tolist() == [len(options.azimuth_deg)] * 4 and len(study.searches) == counts.sum()
+    assert study.searches["lost_s"].to_numpy() == pytest.approx(6.0)
+    assert np.isinf(study.searches[["back_s", "tracked_s"]].to_numpy()).all()
+    summary = study.summary.set_index(["variant", "cn0_dbhz"])
+    for name in ("optimal", "one_stage"):
+        assert summary.loc[(name, 10.0), "lost"] == 0.0
+        assert summary.loc[(name, 10.0), "velocity_mps"] > 2.0 * summary.loc[(name, 45.0), "velocity_mps"]
+    assert (summary["nees"] < summary["nees_high"]).all()

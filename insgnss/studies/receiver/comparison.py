@@ -23,7 +23,8 @@ filter is consistent, even if every run counted as one look.
 ``cn0_estimated_dbhz`` is the receiver's own estimate, on average over the second half of a run. A search begins when a channel's
 signal is gone (``lost_s``) and ends when it is tracked again (``tracked_s``) after it came back (``back_s``): the window's
 sigmas in delay and Doppler (``sd_delay_m``, ``sd_rate_mps``), how far the truth lay from its middle (``off_m``,
-``off_mps``), whether that was inside the discriminators' aperture, and how many cells were looked at.
+``off_mps``), whether that was inside the discriminators' aperture, and how many cells were looked at. A channel whose signal
+is not back at the run's end has a row as well, whose ``back_s`` is inf; ``lost`` does not count it, as its filter coasts.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
 channel, with the interval that 95 % of such shares span, and that of the linear theory. Of aided channels (aided, two_stage,
 optimal) the linear theory takes a residual INS error of 0.06 m/s^2 over 100 s and 0.1 m/s^2 white at 1 ms for any IMU;

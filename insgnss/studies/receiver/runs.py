@@ -188,7 +188,7 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
     found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
-    rows = () if searches is None else tuple(searches.rows)
+    rows = () if searches is None else searches.all_rows()
     return _run_of(setting, variant, found, state_errors, estimates, rows)
 
 

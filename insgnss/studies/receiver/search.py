@@ -28,7 +28,7 @@ class SearchRow(NamedTuple):
 
     channel: int
     lost_s: float  # since when it had no signal
-    back_s: float  # when the signal was back
+    back_s: float  # when the signal was back; inf: not until the run's end, and what follows is not a number
     tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
     cn0_dbhz_back: float  # that the receiver believes in then
     sd_delay_m: float
@@ -85,6 +85,18 @@ class Searches:
                     self.lost_s[c] = np.inf
         searching: Bool = self.tracked_s > t_s
         return np.where(searching, NO_SIGNAL, level)
+
+    def all_rows(self) -> tuple[SearchRow, ...]:
+        """Return the searches of the whole run, and behind them the channels that have no signal at its end."""
+        gone = np.isfinite(self.lost_s) & np.isfinite(
+            self.tracked_s
+        )  # a search that has failed is told already
+        nothing = (np.nan,) * 5
+        never = [
+            SearchRow(int(c), float(self.lost_s[c]), np.inf, np.inf, *nothing, False, np.nan)
+            for c in np.flatnonzero(gone)
+        ]
+        return (*self.rows, *never)
 
     def _search(
         self, c: int, cn0_dbhz: float, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
