@@ -14,6 +14,7 @@ from insgnss.simulation.closed_loop_sky import GLONASS_RADIUS_M
 from insgnss.studies import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, Setting
 from insgnss.studies.receiver.scene import scene_of
+from insgnss.studies.receiver.tables import innovation_correlation
 from insgnss.studies.receiver.variants import VARIANTS
 from tests.studies.test_receiver_study import LOW, VELOCITY, flown, motion
 
@@ -63,6 +64,21 @@ def test_each_cure_holds_lock_where_the_simplified_second_stage_loses_it(
     assert not any(run.lost for run in cured)
     early, late = (between(of, cured, begin_s, begin_s + 100.0) for begin_s in (50.0, 200.0))
     assert max(early, late) < velocity_mps and late < 1.3 * early
+
+
+@pytest.mark.parametrize("drift_density", [1.0, 100.0])
+def test_innovations_are_white_unless_the_filter_counts_the_same_information_twice(
+    drift_density: float,
+) -> None:
+    of = replace(long_setting(), drift_density=drift_density)
+
+    def correlation(name: str) -> float:
+        return innovation_correlation(of, VARIANTS[name], flown(of, VARIANTS[name], 40.0, 2, 72))
+
+    # two runs of eight channels and 2500 updates: one sigma is 0.005
+    assert abs(correlation("one_stage")) < 0.02 and abs(correlation("optimal")) < 0.02
+    assert correlation("two_stage") > 0.9
+    assert math.isnan(correlation("scalar"))  # it has no filter
 
 
 @cache

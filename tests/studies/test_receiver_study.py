@@ -324,6 +324,8 @@ def test_study_tells_errors_thresholds_and_saves(tmp_path: Path) -> None:
 
     assert done[-1] == (6, 6)
     assert list(study.summary["variant"].unique()) == ["two_stage", "one_stage"]
+    correlation = study.summary.set_index(["variant", "cn0_dbhz"])["innovation_correlation"]
+    assert abs(correlation["one_stage", 45.0]) < 0.05 < correlation["two_stage", 45.0]
     assert (study.summary.groupby("variant")["lost"].max() == 1.0).all()
     limits = study.thresholds.set_index("variant")
     assert limits.loc["one_stage", "cn0_dbhz"] < limits.loc["two_stage", "cn0_dbhz"]

@@ -2,7 +2,7 @@
 
 | table | one row for each | columns |
 |-------|------------------|---------|
-| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz unsettled |
+| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high innovation_correlation cn0_estimated_dbhz unsettled |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
@@ -19,6 +19,8 @@ root mean squares of three axes together after settling, of the runs that held l
 those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
 error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
 filter is consistent, even if every run counted as one look.
+``innovation_correlation`` is that of the ranges of successive updates, less the predicted ones: 0 of a filter whose
+measurements are independent, up to 1 of one that counts the same information again and again.
 ``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
 ``cn0_estimated_dbhz`` is the receiver's own estimate, on average over the second half of a run. A search begins when a channel's
 signal is gone (``lost_s``) and ends when it is tracked again (``tracked_s``) after it came back (``back_s``): the window's
@@ -172,7 +174,8 @@ def receiver_study(
                 report(len(found), len(wanted) * len(profiles))
     summary = pd.DataFrame(
         [
-            summary_row(scene, name, level, of) | {"unsettled": flight.unsettled.get((name, level), "")}
+            summary_row(scene, name, wanted[name], level, of)
+            | {"unsettled": flight.unsettled.get((name, level), "")}
             for (name, level), of in found.items()
         ]
     )
@@ -224,8 +227,9 @@ def receiver_row(flight: ReceiverFlight, name: str, seed: int) -> dict[str, floa
     ``lost`` is 1 where a channel lost lock; errors are then not a number.
     """
     (level, profile), *_ = flight.profiles.items()
-    run = run_once(flight.scene.setting, variant_of(name), profile, seeded(seed, 0))
-    row = summary_row(flight.scene, name, level, [run])
+    variant = variant_of(name)
+    run = run_once(flight.scene.setting, variant, profile, seeded(seed, 0))
+    row = summary_row(flight.scene, name, variant, level, [run])
     kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
     return kept | {"lost_s": float(run.lost_s.min())}
 

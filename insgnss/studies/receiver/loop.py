@@ -211,6 +211,8 @@ def take_observation(
     seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
     begun = room.pulling[c] > 0 and pull_in(receiver, channels, variances[0], f, room, c)
     room.met[c] = 1
+    if receiver.kind == ONE_STAGE:
+        room.innovation[c] = math.nan if begun else seen[SEEN_RANGE]
     if channels.with_code:
         if begun:
             offset_range_row(room.u[c], f.h[0])
@@ -311,6 +313,7 @@ def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: C
             C = (receiver.inflation * P[0, 0], receiver.inflation * P[0, 1], receiver.inflation * P[1, 1])
         if level[c] != NO_SIGNAL and C[0] > 0.0:
             own_column(f, c)
+            room.innovation[c] = math.nan if room.fresh[c] == 1 else z[0]
             if room.fresh[c] == 1:
                 begin_phase(f.P, f.columns, room.u[c], z[0], C[0], f.h[0], f.v)
                 use_rate_beside(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
@@ -376,6 +379,7 @@ def record(
     for c in range(room.x.shape[0]):
         estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
         apart = phase_apart(receiver, f, c)
+        found.innovation[at, c] = math.nan if room.silent[c] == 1 else room.innovation[c]
         found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0] + (room.cycles[c] - apart)
         found.offsets[at, c, 0] += arriving.apart[k, c]
         found.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]

@@ -123,6 +123,9 @@ class ReceiverRun:
     least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
     offset: Float64  # (k, 2) truth minus the replica of the channel that was lost first, or of the first one
     apart: Float64  # (k, m, 2) of ranges by phase less those by code: error and sigma [m]; zeros without such states
+    innovation: (
+        Float64  # (k, m) of the filter's newest update by each channel's range [m]; NaN where it took none
+    )
 
     @property
     def lost(self) -> bool:
@@ -304,6 +307,7 @@ def channel_room(
         pulling=np.zeros(m, np.int64),
         fresh=np.zeros(m, np.int64),
         cycles=np.zeros(m),
+        innovation=np.full(m, np.nan),
         done=np.zeros(1, np.int64),
     )
 
@@ -320,6 +324,7 @@ def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> Recei
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
         power=np.zeros((block, m)),
+        innovation=np.zeros((records, m)),
         apart=np.zeros((records, m, 2)),
     )
 
@@ -359,7 +364,9 @@ def _run_of(
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
     apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
     offset = found.offsets[:, int(np.argmin(lost))].copy()
-    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart)
+    return ReceiverRun(
+        lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart, found.innovation
+    )
 
 
 def normalised(error: Float64, P: Float64) -> Float64:

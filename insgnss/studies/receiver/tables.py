@@ -13,6 +13,8 @@ from scipy import stats
 from insgnss.studies.receiver.runs import ReceiverRun, Setting
 from insgnss.studies.receiver.scene import StudyScene
 from insgnss.studies.receiver.search import SearchRow
+from insgnss.studies.receiver.variants import Variant
+from insgnss.studies.receiver.workspace import ONE_STAGE
 from insgnss.tables import Bool, Float64
 
 _SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
@@ -33,7 +35,9 @@ def _held(runs: list[ReceiverRun]) -> list[ReceiverRun]:
     return [run for run in runs if not run.lost]
 
 
-def summary_row(scene: StudyScene, name: str, level: float, runs: list[ReceiverRun]) -> dict[str, Any]:
+def summary_row(
+    scene: StudyScene, name: str, variant: Variant, level: float, runs: list[ReceiverRun]
+) -> dict[str, Any]:
     """Return one row of ``summary``."""
     setting, held = scene.setting, _held(runs)
     after = _after(setting)
@@ -61,10 +65,28 @@ def summary_row(scene: StudyScene, name: str, level: float, runs: list[ReceiverR
         "nees": float(np.mean([run.nees[after].mean() for run in held])) if held and states else math.nan,
         "nees_low": low / max(freedom, 1),
         "nees_high": high / max(freedom, 1),
+        "innovation_correlation": innovation_correlation(setting, variant, held),
         "cn0_estimated_dbhz": float(np.nanmean([x[len(x) // 2 :] for x in estimates]))
         if estimates
         else math.nan,
     }
+
+
+def innovation_correlation(setting: Setting, variant: Variant, runs: list[ReceiverRun]) -> float:
+    """Return the correlation of the innovations of successive updates of the filter, all channels and runs together.
+
+    Equation: sum z_k z_(k+1) / sqrt(sum z_k^2 sum z_(k+1)^2); near 0 of a filter that is right, NaN without one.
+    Updates that are closer than the records are looked at in the records.
+    """
+    if not variant.has_filter or not runs:
+        return math.nan
+    updates = 1 if variant.kind == ONE_STAGE else setting.interval
+    lag = math.ceil(updates / setting.record_every)
+    z = np.concatenate([run.innovation[_after(setting)] for run in runs], axis=1)
+    before, after = z[:-lag], z[lag:]
+    known = np.isfinite(before) & np.isfinite(after)
+    size = math.sqrt(float(np.sum(before[known] ** 2) * np.sum(after[known] ** 2)))
+    return float(np.sum(before[known] * after[known])) / size if size > 0.0 else math.nan
 
 
 def channel_rows(scene: StudyScene, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:

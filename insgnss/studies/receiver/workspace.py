@@ -89,6 +89,7 @@ class ChannelRoom(NamedTuple):
     pulling: Int64  # (m,) integrations for which a phase that has returned is still pulled in
     fresh: Int64  # (m,) 1: the filter does not know the phase's cycle yet
     cycles: Float64  # (m,) by which the phase's range counts otherwise than at the begin, in truth [m]
+    innovation: Float64  # (m,) range that the filter took last, less the one that it predicted [m]
     done: Int64  # (1,) integrations so far
 
 
@@ -103,4 +104,5 @@ class ReceiverHistory(NamedTuple):
     lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
     losing: Int64  # (m,) integrations in a row beyond the limits
     power: Float64  # (block, m) of the prompt replicas
+    innovation: Float64  # (k, m) of the newest update; NaN of channels without a signal
     apart: Float64  # (k, m, 2) the filter's own ranges by phase less those by code, and their variance
