@@ -90,7 +90,7 @@ class Searches:
         """Return the searches of the whole run, and behind them the channels that have no signal at its end."""
         gone = np.isfinite(self.lost_s) & np.isfinite(
             self.tracked_s
-        )  # a search that has failed is told already
+        )  # a search that has failed has its row
         nothing = (np.nan,) * 5
         never = [
             SearchRow(int(c), float(self.lost_s[c]), np.inf, np.inf, *nothing, False, np.nan)
