@@ -7,6 +7,7 @@ import copy
 import numpy as np
 import pytest
 
+from insgnss.filter.rows.replica_offset import COLUMNS
 from insgnss.filter.state import BA, CLOCK, DR, DRIFT, DV, OFFSETS, copy_bank, new_bank
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.gnss.line_of_sight import line_of_sight
@@ -176,3 +177,47 @@ def take_at_once(f: FilterRoom, channels, satellites, ranges, rates, level, nois
     f.P[:] = left @ f.P @ left.T + K @ R @ K.T
     f.P[:] = 0.5 * (f.P + f.P.T)
     close_loop(state, K @ z, OFFSETS)
+
+
+def covariances(tracking: str, interval: int, count: int) -> list[np.ndarray]:
+    """Return P of position, velocity and clock (8, 8) of one stage and of two with the interval's message, in order.
+
+    Seven satellites whose directions stay; motion and clock have no noise, attitude and biases no error.
+    """
+    of = setting(tracking, True, DRIFT_DENSITY)
+    sight = of.truth.directions(slice(0, 1))[0][:7]
+    satellites = np.zeros((count, 7, 6))
+    satellites[:, :, :3] = USER + 1e9 * sight
+    lines = [line_of_sight(satellites[0], c, USER, np.zeros(3), np.zeros(3), np.zeros(3)) for c in range(7)]
+    ranges, rates = (np.tile([line[i] for line in lines], (count, 1)) for i in (0, 1))
+    grade, oscillator = without_ins(UnknownMotion(1e-12, 1e9)), oscillator_of(0.0, CARRIER_HZ)
+    start, level = STARTS[tracking], np.full((count, 7), levels_of(43.0))
+    aiding = vars(feeling_nothing(USER, count)).values()
+    told = AidingInputs(satellites, *aiding, level, np.zeros((count, 2)))
+    arriving, found = SignalArrivals(ranges, rates, level, np.zeros((count, 7))), []
+    at, states = TrueStart(USER, np.zeros(3), np.eye(3), 0.0, 0.0, np.zeros(3)), [*COLUMNS]
+    for name in ("one_stage", "optimal"):
+        rng = np.random.default_rng(33)
+        f = filter_room(grade, oscillator, start, at, rng, False)
+        f.P[BA : BA + 3], f.P[:, BA : BA + 3] = 0.0, 0.0
+        f.state[0].b_a[:] = 0.0
+        receiver = receiver_of(VARIANTS[name], of.channels.step_s, interval, 1.0, None, ANY, count, 0)
+        room = channel_room(receiver, ranges[0], rates[:2], start, rng, of.channels.step_s)
+        noise = rng.standard_normal((count, 7, noise_count(of.channels)))
+        run_receiver(
+            receiver, of.channels, arriving, told, f, room, noise, new_found(receiver, count, 7, count)
+        )
+        found.append(f.P[np.ix_(states, states)].copy())
+    return found
+
+
+@pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])
+@pytest.mark.parametrize(("interval", "count"), [(2, 40), (10, 10), (10, 50)])
+def test_receiver_with_messages_of_intervals_knows_as_much_as_one_stage(
+    tracking: str, interval: int, count: int
+) -> None:
+    one, two = covariances(tracking, interval, count)
+    scale = np.sqrt(np.outer(np.diag(one), np.diag(one)))
+
+    # the Earth's turn and the gradient of gravity, which the message does not know, in 0.1 s: (7e-5 rad/s) x (0.1 s)
+    assert np.abs((one - two) / scale).max() < {"coherent": 4e-6, "noncoherent": 2e-5}[tracking]

@@ -88,9 +88,8 @@ class Searches:
 
     def all_rows(self) -> tuple[SearchRow, ...]:
         """Return the searches of the whole run, and behind them the channels that have no signal at its end."""
-        gone = np.isfinite(self.lost_s) & np.isfinite(
-            self.tracked_s
-        )  # a search that has failed has its row
+        # a search that has failed has its row
+        gone = np.isfinite(self.lost_s) & np.isfinite(self.tracked_s)
         nothing = (np.nan,) * 5
         never = [
             SearchRow(int(c), float(self.lost_s[c]), np.inf, np.inf, *nothing, False, np.nan)
