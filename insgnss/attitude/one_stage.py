@@ -100,7 +100,11 @@ class OneStage:
         require_known(self.source, ("likelihood", "pairs"), "source", "discriminator")
         require_two_satellites(self.sky)
         shape = (len(self.array.positions_b), len(self.sky.los_n))
-        a = np.broadcast_to(np.asarray(self.a, np.float64), shape)
+        a = np.asarray(self.a, np.float64)
+        if a.shape not in ((), shape):
+            advice = "give one for each antenna and satellite, or one for all"
+            raise ConfigError(f"signal ratios of shape {a.shape}, not {shape}", key="a", advice=advice)
+        a = np.broadcast_to(a, shape)
         noise = np.broadcast_to(np.asarray(self.rate_noise, np.float64), (3,))
         if not (a > 0.0).all() or not (noise >= 0.0).all():
             raise ConfigError(
@@ -114,8 +118,20 @@ class OneStage:
     def start(
         self, rpy: npt.ArrayLike, sd_angle_rad: npt.ArrayLike, sd_rate_radps: npt.ArrayLike
     ) -> AttitudeState:
-        """Return the first state: at rest, with standard deviations of one number or three each."""
+        """Return the first state: at rest, with standard deviations of one number or three each.
+
+        Raises
+        ------
+        ConfigError : not three angles, or standard deviations that are not above zero
+        """
         angles = np.asarray(rpy, np.float64)
+        if angles.shape != (3,) or not np.isfinite(angles).all():
+            raise ConfigError(
+                f"invalid angles {angles}", key="rpy", advice="give roll, pitch, yaw in radians"
+            )
+        for key, value in (("sd_angle_rad", sd_angle_rad), ("sd_rate_radps", sd_rate_radps)):
+            for number in np.atleast_1d(np.asarray(value, np.float64)):
+                require_positive(**{key: number})
         sd = np.r_[np.broadcast_to(sd_angle_rad, 3), np.broadcast_to(sd_rate_radps, 3)]
         return AttitudeState(attitude_matrices(angles), angles, np.zeros(3), np.diag(sd**2))
 
@@ -169,7 +185,15 @@ class OneStage:
         Raises
         ------
         GeometryError : Euler angles too near to a pitch of +-90 deg
+        ConfigError : not a finite correlator for each antenna and satellite
         """
+        if np.shape(Z) != self.a.shape or not np.isfinite(Z).all():
+            raise ConfigError(
+                f"correlators are {self.a.shape[0]} x {self.a.shape[1]} finite numbers",
+                key="Z",
+                advice="predict over an integration whose correlators are missing",
+            )
+        Z = np.asarray(Z, np.complex128)
         psi = phase_differences(state.C_nb, self.array, self.sky)
         J = self._derivatives(state)
         known, slope = self._score(Z, psi, J)

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from insgnss.errors import ConfigError
 from insgnss.tables import Complex, Float64
+from insgnss.tracking.admissible import require_not_negative
 from insgnss.tracking.loop_filters import (
     LoopFilter,
     digital_filter,
@@ -99,6 +100,7 @@ class FrequencyLoop:
         ----------
         phase_variance : of one integration's phase, 1 / (2 q T) for a coherent angle [rad^2]; squaring loss raises it
         """
+        require_not_negative(phase_variance=phase_variance)
         size = self.order
         A = np.zeros((size + 1, size + 1))
         b = transition(size, self.step_s) @ self.chain.gains / self.step_s

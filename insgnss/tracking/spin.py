@@ -158,8 +158,15 @@ def spin_source(
     t_s, spin_rate_radps : samples of the axial gyro, (n,)
     start_rad : spin angle at the first sample, as known
     latency_s : of the gyro
+
+    Raises
+    ------
+    ConfigError : not one rate for each time
     """
     rate = np.asarray(spin_rate_radps, float)
+    if rate.shape != np.shape(t_s):
+        advice = "give the gyro's rate at each time"
+        raise ConfigError(f"{rate.size} rates at {np.size(t_s)} times", key="spin_rate_radps", advice=advice)
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_s)
     angle = start_rad + np.concatenate([[0.0], np.cumsum(steps)])
     size = spin.amplitude_rad

@@ -102,8 +102,9 @@ class SpinLoop:
 
         Raises
         ------
-        ConfigError : rates that are none, or too fast for the integration
+        ConfigError : rates that are none, or too fast for the integration; a correlator that is not a number
         """
+        _require_finite(Z)
         low, high = rates_hz
         require_positive(low_hz=low, high_hz=high, sd_doppler_hz=sd_doppler_hz)
         if not low <= high or high * self.step_s * _STEPS_OF_A_TURN > 1.0 + 1e-9:
@@ -125,7 +126,13 @@ class SpinLoop:
         return SpinBank(np.column_stack([phi, np.zeros_like(phi), psi, rate]), P, np.zeros(len(psi)))
 
     def step(self, bank: SpinBank, Z: complex) -> SpinBank:
-        """Return the bank one integration later, with its correlator; hopeless filters are given up."""
+        """Return the bank one integration later, with its correlator; hopeless filters are given up.
+
+        Raises
+        ------
+        ConfigError : a correlator that is not a number
+        """
+        _require_finite(Z)
         x, P = self._predicted(bank)
         a = signal_ratio(self.cn0_dbhz, self.step_s)
         expected, by_angle = self._expected(x)
@@ -167,3 +174,9 @@ class SpinLoop:
             block = slice(i, i + 2)
             Q[block, block] = 0.5 * density * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
         return bank.state @ F.T, F @ bank.covariance @ F.T + Q
+
+
+def _require_finite(Z: complex) -> None:
+    if not np.isfinite(Z):
+        advice = "start again behind a gap"
+        raise ConfigError(f"the correlator {Z} is not a number", key="Z", advice=advice)

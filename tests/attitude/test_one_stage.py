@@ -148,6 +148,18 @@ def test_euler_angles_are_refused_where_they_fail_and_the_rotation_is_not() -> N
 def test_bad_models_are_refused() -> None:
     with pytest.raises(ConfigError):
         model(a=-1.0 * A40)
+    with pytest.raises(ConfigError, match="shape"):
+        model(a=A40[:2])
+    one = model()
+    for rpy, sd in (([np.nan, 0.0, 0.0], 0.01), ([0.0, 0.0], 0.01), (RPY, -0.01)):
+        with pytest.raises(ConfigError):
+            one.start(rpy, sd, 0.01)
+    state, missing = one.start(RPY, 0.01, 0.01), A40 + 0j
+    missing[1, 3] = np.nan
+    for Z in (missing, A40[:2] + 0j):
+        with pytest.raises(ConfigError, match="finite numbers") as refused:
+            one.step(state, Z)
+        assert refused.value.key == "Z"
     with pytest.raises(ConfigError, match="likelihood"):
         model(source="likelihod")
     with pytest.raises(GeometryError, match="second satellite"):

@@ -151,6 +151,7 @@ def test_phase_of_a_frequency_loop_is_not_assessed() -> None:
         (lambda: frequency_filter(0, 1.0, T), "order"),
         (lambda: frequency_filter(1, math.nan, T), "bandwidth_hz"),
         (lambda: frequency_filter(1, 1.0, 0.0), "step_s"),
+        (lambda: frequency_filter(1, 1.0, T).rate_covariance(-1.0), "phase_variance"),
         (lambda: FrequencyLoop(LoopFilter(np.array([2.5]), np.zeros(1), T)), "chain"),
         (lambda: FrequencyLoop(LoopFilter(np.array([0.1, 0.1]), np.array([0.0, 0.1]), T)), "chain"),
     ],

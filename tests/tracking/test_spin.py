@@ -134,6 +134,7 @@ def test_scale_factor_error_of_the_gyro_runs_the_angle_off() -> None:
     [
         (lambda: Spin(-0.1, 15.0, F0), "above 0"),
         (lambda: Spin(0.1, 15.0, F0, theta_rad=90.0), "radians"),
+        (lambda: spin_source(Spin(0.1, 15.0, F0), np.arange(5.0), np.zeros(4), 0.0), "4 rates at 5"),
         (lambda: spin_limit_hz(0.01, F0, continuous_gains(2, 20.0)), "no limit"),
     ],
 )

@@ -91,3 +91,11 @@ def test_rates_that_are_none_are_refused(rates: tuple[float, float]) -> None:
     loop = SpinLoop(Spin(0.08, 1.0, F0), 45.0, T, 1.0)
     with pytest.raises(ConfigError):
         loop.start(1.0 + 0.0j, rates, 1.0)
+
+
+def test_correlator_that_is_not_a_number_is_refused() -> None:
+    loop = SpinLoop(Spin(0.08, 1.0, F0), 45.0, T, 1.0)
+    bank, nothing = loop.start(60.0 + 1.0j, (5.0, 10.0), 1.0), complex(math.nan, 0.0)
+    for take in (lambda: loop.step(bank, nothing), lambda: loop.start(nothing, (5.0, 10.0), 1.0)):
+        with pytest.raises(ConfigError, match="not a number"):
+            take()
