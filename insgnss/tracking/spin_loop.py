@@ -12,7 +12,7 @@ whose modulus is the modulation of the gain and whose angle the wind-up: a cardi
     Z = a h(psi) exp(j (phi + beta cos psi)) + noise,    phi' = w,    psi' = Omega,    w' and Omega' white noise
 
 with phi the phase at the axis less the replica's. Both quadratures are observations of an extended Kalman filter over
-[phi, w, psi, Omega]. Nothing is known of psi and phi at the begin, and little of Omega: a bank of filters starts at
+[phi, w, psi, Omega]. Nothing is known of psi and phi at first, and little of Omega: a bank of filters starts at
 angles and rates all around, and the likelihood decides. No resolver and no gyro is used.
 Neglects: the swing within an integration (take 1/50 of a turn at most), and data bits: they must be taken off.
 """

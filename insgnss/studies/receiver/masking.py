@@ -1,7 +1,7 @@
 """Satellites that antennas and airframe hide from a receiver study's channels: their C/N0, and masking by attitude.
 
 A receiver that masks leaves out the channels whose satellites its antennas do not see at the attitude that its filter
-estimates, with the stage that masks a log's satellites (``antenna.visibility``), at the begin of each block of
+estimates, with the stage that masks a log's satellites (``antenna.visibility``), at the beginning of each block of
 integrations. A channel that was left out begins again where the filter expects its signal (``receiver_search``).
 
 What the loops do without masking is simulated, not assumed: replicas that a filter steers stay where the filter expects

@@ -113,7 +113,7 @@ class Setting:
 class ReceiverRun:
     """What one run left, at k recorded integrations; errors are estimate minus truth, ECEF."""
 
-    lost_s: Float64  # (m,) when each channel was lost, from the begin; inf: held
+    lost_s: Float64  # (m,) when each channel was lost, from the beginning; inf: held
     rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]
     error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
     sd: Float64  # (k, 11) sigmas of the filter

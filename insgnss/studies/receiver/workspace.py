@@ -88,7 +88,7 @@ class ChannelRoom(NamedTuple):
     met: Int64  # (m,) 1: the channel has seen its signal before
     pulling: Int64  # (m,) integrations for which a phase that has returned is still pulled in
     fresh: Int64  # (m,) 1: the filter does not know the phase's cycle yet
-    cycles: Float64  # (m,) by which the phase's range counts otherwise than at the begin, in truth [m]
+    cycles: Float64  # (m,) by which the phase's range counts otherwise than at the beginning, in truth [m]
     innovation: Float64  # (m,) range that the filter took last, less the one that it predicted [m]
     done: Int64  # (1,) integrations so far
 
