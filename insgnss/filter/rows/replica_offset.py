@@ -6,8 +6,8 @@
 truth minus prediction, at an antenna where the IMU is; u towards the satellite, g the derivative of the range rate by
 the position. A carrier phase divided by k is such a range: all phases begin from one position, so that with the
 position X^P that they belong to (pseudo-coordinates), phi_i = k (-u_i . X^P + b)            [Shatilov 2007, chapter 2].
-Where that position is off by delta, X^P - X = delta holds at the beginning alone: what the phases' ranges are off by stays
--u_i(0) . delta, and once the satellites have moved no position explains it. X^P - X then changes by
+Where that position is off by delta, X^P - X = delta holds at the beginning alone: what the phases' ranges are off by
+stays -u_i(0) . delta, and once the satellites have moved no position explains it. X^P - X then changes by
 H^+(t) (H(0) - H(t)) delta, about delta times the change of direction: 0.6 m in twenty minutes (12 deg) for 5 m, an
 error of 0.5 mm/s in the velocity that pseudo-coordinates are for. The millimetre of the print needs a start that is
 good to 4 mm. What no position explains stays in the phases: for 5 m it grows by 1 mm/s, so that a loop with data
