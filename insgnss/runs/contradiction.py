@@ -14,6 +14,8 @@ RESET: Final = "reset"  # gaps of a sound log restart the filter, too
 MOST_RESETS: Final = 2
 MOST_REFUSED: Final = 1.0 / 3.0
 LEAST_ROWS: Final = 100
+# A receiver tracks what its antenna sees: of a sound log the attitude hides little, in inverted flight all for a while
+MOST_HIDDEN: Final = 2.0 / 3.0
 # One fault has two or three events: that something has failed, and what it is
 SUSPECTS: Final = ("sensor_suspect", "time_tag_suspect")
 MOST_SUSPICIONS: Final = 3
@@ -21,6 +23,7 @@ MOST_SUSPICIONS: Final = 3
 MOST_DRIFTING: Final = 0.5
 WITHIN_S: Final = 300.0
 LEAST_SATELLITES: Final = 6
+HIDDEN: Final = ("masked_gain", "masked_obstruction")
 REFUSED: Final = ("gated", "inconsistent", "drifting", "contradicts")
 KINDS: Final = ("pseudorange", "range_rate")
 
@@ -41,9 +44,14 @@ def contradiction(
     if times > MOST_RESETS:
         signs.append(f"the filter was reset {times} times")
     for kind in KINDS:
-        share = _refused_share(counts, kind)
-        if share > MOST_REFUSED:
-            signs.append(f"it refused {share:.0%} of the {kind.replace('_', ' ')}s")
+        rows = f"{kind.replace('_', ' ')}s"
+        refused, hidden = (_share(counts, kind, of) for of in (REFUSED, HIDDEN))
+        if refused > MOST_REFUSED:
+            signs.append(f"it refused {refused:.0%} of the {rows}")
+        if hidden > MOST_HIDDEN:
+            signs.append(
+                f"by its attitude {hidden:.0%} of the {rows} come from satellites that the antenna cannot see"
+            )
     suspicions = int(events["kind"].isin(SUSPECTS).sum())
     if suspicions > MOST_SUSPICIONS:
         signs.append(f"it suspected the inertial sensors or the time tags {suspicions} times")
@@ -55,8 +63,8 @@ def contradiction(
     if not signs:
         return []
     detail = (
-        f"{', '.join(signs)}: units, signs, axes, times or lever arm may not be as declared, and errors may exceed"
-        " their sigmas; 'insgnss check FLIGHT' compares the logs"
+        f"{', '.join(signs)}: units, signs, axes, times, lever arm or antenna may not be as declared, and errors may"
+        " exceed their sigmas; 'insgnss check FLIGHT' compares the logs"
     )
     return [Event(t_ns, KIND, detail)]
 
@@ -78,11 +86,11 @@ def _most_drifting(measurements: pd.DataFrame) -> tuple[int, int]:
     return max(each, key=lambda found: found[0] / found[1], default=(0, 0))
 
 
-def _refused_share(counts: pd.DataFrame, kind: str) -> float:
-    """Return which share of the measurements of a kind that reached the filter it refused; 0 of few."""
+def _share(counts: pd.DataFrame, kind: str, statuses: tuple[str, ...]) -> float:
+    """Return which share of the measurements of a kind, used ones and these, have such a status; 0 of few."""
     if kind not in counts:
         return 0.0
     column = counts[kind]
-    refused = sum(int(column.get(status, 0)) for status in REFUSED)
-    reached = refused + int(column.get("used", 0))
-    return refused / reached if reached >= LEAST_ROWS else 0.0
+    such = sum(int(column.get(status, 0)) for status in statuses)
+    of = such + int(column.get("used", 0))
+    return such / of if of >= LEAST_ROWS else 0.0

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import insgnss
+from insgnss.config.flight import MountedAntenna
 from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.contradiction import KIND, MOST_RESETS, contradiction
 from insgnss.simulation.simulated_log import SimulatedLog
@@ -64,6 +65,22 @@ def test_lever_arm_that_is_metres_off_is_told_at_the_end() -> None:
     wrong = FlightInMemory(flown.path, config, flown.imu_grade, flown.oscillator, flown.read())
     last = insgnss.replay(wrong).events.iloc[-1]
     assert last["kind"] == KIND and "lever arm" in last["detail"]
+
+
+def test_imu_upside_down_that_hides_all_satellites_is_told_at_the_end() -> None:
+    """A receiver does not track what its antenna cannot see."""
+    log = turns().draw(np.random.default_rng(5))
+    flipped = np.array([1.0, -1.0, -1.0])
+    imu = dataclasses.replace(log.imu, w_ib_b=log.imu.w_ib_b * flipped, f_b=log.imu.f_b * flipped)
+    told = []
+    for samples in (log.imu, imu):
+        flown = flight(turns(), log, imu=samples)
+        gnss = flown.config.gnss.model_copy(update={"antenna": (MountedAntenna(pattern="patch_l1"),)})
+        config = flown.config.model_copy(update={"gnss": gnss})
+        last = insgnss.replay(dataclasses.replace(flown, config=config)).events.iloc[-1]
+        told.append(last["detail"] if last["kind"] == KIND else "")
+    assert told[0] == ""
+    assert "the antenna cannot see" in told[1] and "antenna may not be as declared" in told[1]
 
 
 def test_most_satellites_that_drift_and_many_suspicions_are_signs() -> None:
