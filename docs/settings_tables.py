@@ -22,6 +22,82 @@ from insgnss.config.simulation import SimulationConfig
 from insgnss.studies.campaign.study import CampaignConfig
 
 DOCS: Final = Path(__file__).parent
+# of keys that mean the same wherever they stand, and whose schema says nothing more
+USUAL: Final = {
+    "name": "as shown in results",
+    "source": "where the numbers are from",
+    "file": "path, from the folder of this file",
+    "files": "paths, from the folder of this file",
+    "lat_deg": "geodetic latitude",
+    "lon_deg": "longitude, east positive",
+    "h_m": "height above the ellipsoid",
+    "heading_deg": "clockwise from north",
+    "sv": "satellite, as G07",
+    "azimuth_deg": "at the start and at the end, clockwise from north",
+    "elevation_deg": "at the start and at the end",
+    "duration_s": "how long it lasts",
+    "from_s": "begin, from the start of the run",
+    "to_s": "end, from the start of the run",
+    "until_s": "end, from the start of the run",
+    "at_s": "time, from the start of the run",
+    "rate_hz": "how often a row is written",
+    "imu_rate_hz": "inertial samples per second",
+    "reference_rate_hz": "rows of the true trajectory per second",
+    "gps_week": "week of the start",
+    "ramp_s": "over which it sets in and ends",
+    "rate_mps": "speed of the change",
+    "size_m": "of the error",
+    "bank_deg": "roll angle of the turn",
+    "roll_in_deg_per_s": "largest roll rate into the turn",
+    "roll_out_deg_per_s": "largest roll rate out of the turn",
+    "by_deg": "change of course, clockwise positive",
+    "by_m": "change of height",
+    "to_mps": "speed afterwards",
+    "speed_mps": "horizontal speed",
+    "clock_bias_m": "receiver clock at the start",
+    "clock_drift_mps": "its rate at the start",
+    "elevation_mask_deg": "satellites below it are not used",
+    "horizon_mask_deg": "satellites below it are not received",
+    "imu": "name of a sensor's grade, see `insgnss models`",
+    "oscillator": "name of a clock, see `insgnss models`",
+    "grade": "name of a sensor's grade, see `insgnss models`",
+    "pattern": "name of an antenna, see `insgnss models`",
+    "threshold_gain_dbic": "a satellite is hidden where the antenna has less gain",
+    "hysteresis_db": "a hidden satellite comes back that much above the threshold",
+    "sensor": "name of the sensor",
+    "lever_arm_m": "from the IMU: forward, right, down",
+    "correlation_time_s": "of a Gauss-Markov process",
+    "gyro_correlation_time_s": "of the in-run bias",
+    "accel_correlation_time_s": "of the in-run bias",
+    "gyro_bias_deg_per_h": "switch-on bias",
+    "accel_bias_mg": "switch-on bias",
+    "gyro_bias_instability_deg_per_h": "in-run bias",
+    "accel_bias_instability_mg": "in-run bias",
+    "gyro_arw_deg_per_sqrt_h": "angle random walk",
+    "accel_vrw_mps_per_sqrt_h": "velocity random walk",
+    "gyro_scale_factor_ppm": "scale factor error",
+    "accel_scale_factor_ppm": "scale factor error",
+    "gyro_range_deg_per_s": "beyond it the sensor is saturated",
+    "accel_range_g": "beyond it the sensor is saturated",
+    "gyro_g_sensitivity_deg_per_h_per_g": "effect of specific force on the gyros",
+    "gyro_bandwidth_hz": "of the sensor's low-pass filter",
+    "accel_bandwidth_hz": "of the sensor's low-pass filter",
+    "floor": "sigma that is there in any case",
+    "elevation": "sigma at the zenith of what grows with 1 / sin el",
+    "cn0_at_45_dbhz": "sigma of the thermal noise at 45 dBHz",
+    "sd_position_m": "sigma along each axis",
+    "sd_velocity_mps": "sigma along each axis",
+    "sd_roll_pitch_deg": "sigma of either",
+    "sd_heading_deg": "sigma",
+    "sd_clock_m": "sigma of the clock",
+    "sd_clock_drift_mps": "sigma of its rate",
+    "values": "of a row: mean rates since the row before, or increments",
+    "unit": "of the time column",
+    "seeds": "how many, from 0 on, or which",
+    "seeds_per_task": "that many seeds of a case make one task",
+    "fixed": "parameters of the study that stay as they are",
+    "grid": "parameters of which each combination is one case",
+}
 MARK: Final = "<!-- The tables below come from the code: python docs/settings_tables.py -->"
 # page: heading and schema of each file that it describes; a page of one file has no heading
 PAGES: Final[dict[str, dict[str, type[BaseModel]]]] = {
@@ -98,7 +174,7 @@ def _text(table: KeyTable) -> str:
         schema = table.schemas[0]
         lines = [f"{_about(schema)}\n", "| key | default | value | meaning |", "|---|---|---|---|"]
         lines += [
-            f"| `{name}` | {_default(field)} | {_value(field)} | {_meaning(field)} |"
+            f"| `{name}` | {_default(field)} | {_value(field)} | {_meaning(name, field)} |"
             for name, field in schema.model_fields.items()
         ]
     else:
@@ -127,13 +203,17 @@ def _keys(schema: type[BaseModel]) -> str:
     cells = []
     for name, field in schema.model_fields.items():
         default = "" if _default(field) in ("", "required") else f" = {_default(field).strip('`')}"
+        meaning = _meaning(name, field)
         if name != "kind":
-            cells.append(f"`{name}{default}`" + (f" ({_meaning(field)})" if field.description else ""))
+            cells.append(f"`{name}{default}`" + (f" ({meaning})" if meaning else ""))
     return ", ".join(cells)
 
 
-def _meaning(field: FieldInfo) -> str:
-    return (field.description or "").replace("|", "\\|")
+def _meaning(name: str, field: FieldInfo) -> str:
+    """Return a key's meaning: its description, that of the one table which it holds, or the usual one."""
+    schemas = schemas_in(field.annotation)
+    about = _about(schemas[0]).split(". ")[0].rstrip(".") if len(schemas) == 1 else ""
+    return (field.description or about or USUAL.get(name, "")).replace("|", "\\|")
 
 
 def _default(field: FieldInfo) -> str:

@@ -64,7 +64,7 @@ def test_tables_follow_a_schema_that_changes() -> None:
     class Inner(BaseModel):
         """What is inside."""
 
-        size_m: float = 2.0
+        width_m: float = 2.0
 
     class Outer(BaseModel):
         """A file."""
@@ -74,9 +74,24 @@ def test_tables_follow_a_schema_that_changes() -> None:
 
     text = site_helper("settings_tables").tables_of(Outer)
 
-    assert "| `name` | required | text |  |" in text
+    assert "| `name` | required | text | as shown in results |" in text
+    assert "| `part` | `[]` | array of table | What is inside |" in text
     assert "## `[[part]]`\n\nWhat is inside." in text
-    assert "| `size_m` | `2.0` | number |  |" in text
+    assert "| `width_m` | `2.0` | number |  |" in text
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_page_says_what_every_key_means(name: str) -> None:
+    rows = [row for row in (DOCS / name).read_text(encoding="utf-8").split("\n") if row.startswith("| `")]
+
+    assert rows
+    assert [row for row in rows if re.search(r"(?<!\\)\|\s+\|$", row) and not row.startswith('| `"')] == []
+
+
+def test_usual_meanings_are_of_keys_that_the_pages_list() -> None:
+    known = {key for schemas in FILES.values() for schema in schemas for key in keys_of(schema)}
+
+    assert site_helper("settings_tables").USUAL.keys() - known == set()
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -48,14 +48,20 @@ class AidingConfig(StrictModel):
         " Doppler grow by the accelerometers' noise and the clock's walk alone",
     )
     # The jerk that a loop must withstand between sample and use: 0.5 g within a second, a car or a transport aircraft
-    jerk_sigma_mps3: NotNegative = 5.0
+    jerk_sigma_mps3: NotNegative = Field(
+        5.0, description="of the vehicle, for the growth of the predicted sigmas with latency"
+    )
     # Of position, rate and acceleration along the line of sight: URA of a healthy GPS satellite, and half of the
     # 95 % limits on URRE and URAE [GPS SPS Performance Standard 2020, table 3.4-2]
-    satellite_range_sigma_m: NotNegative = 2.0
-    satellite_rate_sigma_mps: NotNegative = 0.003
-    satellite_acceleration_sigma_mps2: NotNegative = 0.001
+    satellite_range_sigma_m: NotNegative = Field(
+        2.0, description="error of the satellite position and clock along the line of sight"
+    )
+    satellite_rate_sigma_mps: NotNegative = Field(0.003, description="the same for the range rate")
+    satellite_acceleration_sigma_mps2: NotNegative = Field(
+        0.001, description="the same for the radial acceleration"
+    )
     # Over which the drift's random walk counts as a rate of the Doppler: the memory of a narrow carrier loop
-    clock_averaging_s: Positive = 1.0
+    clock_averaging_s: Positive = Field(1.0, description="over which the receiver clock predicts itself")
 
 
 def aiding_config(wanted: float | AidingConfig, usual: AidingConfig) -> AidingConfig:

@@ -42,8 +42,8 @@ class WeatherConfig(StrictModel):
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
         None, description="at the height below, not reduced to sea level"
     )
-    temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = None
-    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = Field(None, description="at sea level")
+    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = Field(None, description="relative")
     h_m: float = Field(0.0, description="where it was measured")
 
 
@@ -60,23 +60,28 @@ class Measurements(StrictModel):
         description="RINEX codes in order of preference: of each band the first one a satellite has is used",
     )
     every_band: bool = Field(True, description="use a signal of each band; the most preferred one alone else")
-    pseudorange: bool = True
-    range_rate: bool = True
+    pseudorange: bool = Field(True, description="use them")
+    range_rate: bool = Field(True, description="use them, or the Doppler they are computed from")
     carrier: bool = Field(True, description="time-differenced carrier phase, where the log has it")
     carrier_max_interval_s: Positive = Field(2.0, description="epochs farther apart are not differenced")
-    elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
-    cn0_mask_dbhz: NotNegative = 0.0
+    elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = Field(
+        5.0, description="satellites below it are not used"
+    )
+    cn0_mask_dbhz: NotNegative = Field(0.0, description="weaker signals are not used; 0: all")
     ionosphere: Literal["klobuchar", "nequick", "beidou", "own", "ionosphere_free", "none"] = Field(
         "klobuchar", description="'own': each constellation by the model it broadcasts itself"
     )
-    troposphere: Literal["saastamoinen", "none"] = "saastamoinen"
+    troposphere: Literal["saastamoinen", "none"] = Field("saastamoinen", description="model of the delay")
     weather: WeatherConfig = WeatherConfig()
     variance_scale: dict[Constellation, Share] = Field(
         {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
     )
     glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
     zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
-    max_ephemeris_age_s: Positive | None = None
+    max_ephemeris_age_s: Positive | None = Field(
+        None,
+        description="satellites with an older message are not used; left out: as old as its constellation allows",
+    )
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
         """Return the codes that may be used, per letter of the constellations in use."""
@@ -86,9 +91,9 @@ class Measurements(StrictModel):
 class NoiseConfig(StrictModel):
     """One kind's variance: floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
-    floor: Sigma
-    elevation: SigmaOrNone
-    cn0_at_45_dbhz: SigmaOrNone
+    floor: Sigma = Field(description="sigma that is there in any case")
+    elevation: SigmaOrNone = Field(description="sigma at the zenith of what grows with 1 / sin el")
+    cn0_at_45_dbhz: SigmaOrNone = Field(description="sigma of the thermal noise at 45 dBHz")
     correlation_time_s: NotNegative = Field(
         0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
     )
@@ -98,8 +103,8 @@ class NoiseConfig(StrictModel):
 class Gates(StrictModel):
     """Innovation gates in sigmas of the predicted innovation, all judged on the prior."""
 
-    pseudorange_sigma: Positive = 5.0
-    range_rate_sigma: Positive = 5.0
+    pseudorange_sigma: Positive = Field(5.0, description="of one pseudorange")
+    range_rate_sigma: Positive = Field(5.0, description="of one range rate")
     carrier_sigma: Positive = Field(4.0, description="a cycle slip is to be found, not averaged")
     clock_jump_min_m: Positive = Field(
         150.0,
@@ -169,12 +174,16 @@ class Process(StrictModel):
         description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; the range of a"
         " single QZSS satellite is then used with this much extra noise",
     )
-    inter_system_walk_m_per_sqrt_s: NotNegative = 0.005
+    inter_system_walk_m_per_sqrt_s: NotNegative = Field(
+        0.005, description="random walk of the clock offset between two constellations"
+    )
     channel_bias_sigma_m: Positive = Field(
         0.3, description="initial sigma of the GLONASS delay per frequency channel"
     )
     zenith_delay_sigma_m: Positive = Field(0.15, description="initial sigma of the residual zenith delay")
-    zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
+    zenith_delay_walk_m_per_sqrt_s: NotNegative = Field(
+        0.0003, description="random walk of the tropospheric zenith delay, if it is a state"
+    )
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
         description="initial sigma of the ionosphere model's residual at the zenith on L1: a state where carriers"
@@ -264,7 +273,7 @@ class HealthConfig(StrictModel):
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"
     )
-    lost_window_s: Positive = 60.0
+    lost_window_s: Positive = Field(60.0, description="see heading_lost_resets")
 
 
 class StartConfig(StrictModel):
@@ -280,15 +289,17 @@ class StartConfig(StrictModel):
     sd_level_moving_deg: Positive = Field(
         3.0, description="roll and pitch sigma when levelled in motion, at least"
     )
-    min_satellites: Annotated[int, Field(ge=4)] = 5
+    min_satellites: Annotated[int, Field(ge=4)] = Field(5, description="of the first fix")
     patience_s: NotNegative = Field(10.0, description="after that long, four satellites are enough")
-    max_gdop: Positive = 12.0
+    max_gdop: Positive = Field(12.0, description="dilution of precision of the first fix at most")
 
 
 class HeadingConfig(StrictModel):
     """How an unknown heading is found: a bank of filters, one for each heading, that the measurements thin out."""
 
-    hypotheses: Annotated[int, Field(ge=1, le=36)] = 12
+    hypotheses: Annotated[int, Field(ge=1, le=36)] = Field(
+        12, description="how many headings, evenly spaced; 1: no bank"
+    )
     unknown_above_deg: Positive = Field(30.0, description="a start with a wider heading sigma opens the bank")
     drop_below: Annotated[float, Field(gt=0.0, lt=0.1)] = Field(
         1e-6, description="heading hypotheses below this weight are dropped"
@@ -299,7 +310,7 @@ class HeadingConfig(StrictModel):
 class Adaptation(StrictModel):
     """How far the filter may correct its assumed noise levels from its residuals."""
 
-    on: bool = True
+    on: bool = Field(True, description="off: the noise stays as given")
     memory_s: Positive = Field(30.0, ge=1e-3, description="over which the levels follow")
     least_factor: Share = Field(0.02, description="on a variance")
     least_factor_at_rest: Share = Field(
@@ -327,7 +338,9 @@ class Visibility(StrictModel):
 
     on: bool = Field(True, description="without antennas in the flight file nothing is masked either way")
     threshold: Literal["gain", "cn0"] = Field("gain", description="which of the next two is used")
-    threshold_gain_dbic: float = -5.0
+    threshold_gain_dbic: float = Field(
+        -5.0, description="a satellite is hidden where the antenna has less gain"
+    )
     threshold_cn0_dbhz: float = Field(30.0, description="of the predicted C/N0, nominal_cn0_dbhz plus gain")
     nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
     hysteresis_db: NotNegative = Field(

@@ -35,8 +35,8 @@ _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with
 class Oscillator(StrictModel):
     """A two-state clock by its h-parameters (one-sided densities of fractional frequency)."""
 
-    h0_s: NotNegative = Field(le=1.0)
-    h_minus2_per_s: NotNegative = Field(le=1.0)
+    h0_s: NotNegative = Field(le=1.0, description="white frequency noise")
+    h_minus2_per_s: NotNegative = Field(le=1.0, description="random walk of the frequency")
     source: str = ""
 
 
@@ -204,13 +204,25 @@ class GivenStart(StrictModel):
 class ReferenceColumns(LogColumns):
     """Names of the columns of a reference trajectory; all but time and position are optional."""
 
-    position: tuple[ColumnName, ColumnName, ColumnName] = ("lat_deg", "lon_deg", "h_m")
-    velocity: tuple[ColumnName, ColumnName, ColumnName] = ("vn", "ve", "vd")
-    attitude: tuple[ColumnName, ColumnName, ColumnName] = ("roll_deg", "pitch_deg", "yaw_deg")
-    quality: ColumnName = "quality"
-    sigma_position: tuple[ColumnName, ColumnName, ColumnName] = ("sd_n_m", "sd_e_m", "sd_d_m")
-    sigma_velocity: tuple[ColumnName, ColumnName, ColumnName] = ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps")
-    sigma_attitude: tuple[ColumnName, ColumnName, ColumnName] = ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg")
+    position: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("lat_deg", "lon_deg", "h_m"), description="latitude, longitude, height"
+    )
+    velocity: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("vn", "ve", "vd"), description="north, east, down"
+    )
+    attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("roll_deg", "pitch_deg", "yaw_deg"), description="roll, pitch, yaw"
+    )
+    quality: ColumnName = Field("quality", description="of a fix")
+    sigma_position: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("sd_n_m", "sd_e_m", "sd_d_m"), description="north, east, down"
+    )
+    sigma_velocity: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), description="north, east, down"
+    )
+    sigma_attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
+        ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"), description="roll, pitch, yaw"
+    )
 
 
 class Reference(LogTable):

@@ -21,7 +21,7 @@ class Emitter(StrictModel):
     eirp_dbw: Annotated[float, Field(ge=-150.0, le=100.0)] = Field(
         description="radiated towards the vehicle, with the gain of its antenna"
     )
-    kind: Literal["broadband", "cw"] = "broadband"
+    kind: Literal["broadband", "cw"] = Field("broadband", description="noise of a bandwidth, or one carrier")
     frequency_hz: Positive = Field(1575.42e6, description="its centre")
     bandwidth_hz: Positive | None = Field(None, description="of a broadband emitter, two-sided, flat inside")
     loss_db: NotNegative = Field(

@@ -33,10 +33,10 @@ class ScenarioSite(StrictModel):
 class ScenarioMeasurements(StrictModel):
     """How often and how well the receiver measures; the same for every satellite."""
 
-    range_variance_m2: Positive
-    rate_variance_m2ps2: Positive
+    range_variance_m2: Positive = Field(description="of a pseudorange")
+    rate_variance_m2ps2: Positive = Field(description="of a range rate")
     rate_hz: Positive = 1.0
-    cn0_dbhz: Positive = 45.0
+    cn0_dbhz: Positive = Field(45.0, description="of each satellite in view")
 
 
 class Equipment(StrictModel):
@@ -44,7 +44,9 @@ class Equipment(StrictModel):
 
     imu: str = "tactical"
     oscillator: str = "tcxo"
-    covariance_step_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+    covariance_step_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.05, description="of the covariance study"
+    )
 
 
 class StartSigmas(StrictModel):
@@ -95,7 +97,7 @@ class ScenarioFlight(StrictModel):
 
     duration_s: Positive
     speed_mps: Positive
-    roll_s: Positive = 2.0
+    roll_s: Positive = Field(2.0, description="from wings level to the bank")
     imu_rate_hz: Positive = 100.0
     clock_bias_m: float = 0.0
     clock_drift_mps: float = 0.0
@@ -114,8 +116,8 @@ class FalseLockModel(StrictModel):
     rate_follows: bool = Field(
         True, description="the range rate is off by the growth; else by rate_error_mps"
     )
-    rate_error_mps: Range = (0.0, 0.0)
-    cn0_dbhz: Range
+    rate_error_mps: Range = Field((0.0, 0.0), description="of the range rate, least and most")
+    cn0_dbhz: Range = Field(description="that the channel reports, least and most")
 
     @model_validator(mode="after")
     def _ranges_are_in_order(self) -> FalseLockModel:

@@ -89,7 +89,7 @@ class UnsupervisedReceiver(StrictModel):
     20 dBHz. They flatter it: a real one looks in several Doppler bins too.
     """
 
-    delay_cells: Count = 1000
+    delay_cells: Count = Field(1000, description="that it searches through, all of them for each Doppler")
     doppler_half_width_hz: NotNegative = Field(0.0, description="0: one bin")
     cn0_dbhz: Positive = Field(20.0, description="the weakest signal that its search is made for")
 

@@ -49,11 +49,19 @@ class LoggedReference(LogTable):
 class Vibration(StrictModel):
     """A spectrum that both triads feel: corners of the power density, straight in log-log, and lines."""
 
-    frequency_hz: tuple[Positive, ...] = ()
-    accel_g2_per_hz: tuple[Positive, ...] = ()
-    gyro_deg2_per_s2_per_hz: tuple[Positive, ...] = ()
-    accel_lines_hz_g: tuple[tuple[Positive, NotNegative], ...] = ()
-    gyro_lines_hz_deg_per_s: tuple[tuple[Positive, NotNegative], ...] = ()
+    frequency_hz: tuple[Positive, ...] = Field((), description="corners, increasing")
+    accel_g2_per_hz: tuple[Positive, ...] = Field(
+        (), description="power density of the accelerometers at each corner"
+    )
+    gyro_deg2_per_s2_per_hz: tuple[Positive, ...] = Field(
+        (), description="power density of the gyros at each corner"
+    )
+    accel_lines_hz_g: tuple[tuple[Positive, NotNegative], ...] = Field(
+        (), description="pairs of frequency and amplitude"
+    )
+    gyro_lines_hz_deg_per_s: tuple[tuple[Positive, NotNegative], ...] = Field(
+        (), description="pairs of frequency and amplitude"
+    )
     from_s: NotNegative = Field(0.0, description="when it begins, as a motor does")
     end_s: Positive | None = Field(None, description="when it ends; left out: with the log")
 
@@ -85,15 +93,15 @@ class SimulatedImu(StrictModel):
     vibration: Vibration = Vibration()
     tag_jitter_s: NotNegative = Field(0.0, description="of the time tags, one sigma")
     lost_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(0.0, description="of the samples, on average")
-    lost_at_once: Annotated[int, Field(ge=1)] = 1
+    lost_at_once: Annotated[int, Field(ge=1)] = Field(1, description="samples in a row")
 
 
 class SimulatedClock(StrictModel):
     """The receiver's oscillator and where its clock begins."""
 
     oscillator: str | Oscillator = "tcxo"
-    bias_m: float = 0.0
-    drift_mps: float = 0.0
+    bias_m: float = Field(0.0, description="at the start")
+    drift_mps: float = Field(0.0, description="at the start")
     jump_beyond_m: Positive | None = Field(
         None, description="the receiver steps by whole milliseconds beyond this bias"
     )
@@ -169,19 +177,19 @@ class WhiteNoise(StrictModel):
 class Loops(StrictModel):
     """Tracking loops whose thermal noise, from C/N0, takes the place of the white noise given above."""
 
-    code_bandwidth_hz: Positive = 0.5
-    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
-    carrier_bandwidth_hz: Positive = 15.0
+    code_bandwidth_hz: Positive = Field(0.5, description="of the delay loop")
+    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = Field(0.5, description="between early and late")
+    carrier_bandwidth_hz: Positive = Field(15.0, description="of the phase loop")
     frequency_bandwidth_hz: Positive = Field(4.0, description="of the loop that gives the Doppler")
-    integration_s: Positive = 0.02
+    integration_s: Positive = Field(0.02, description="before each discriminator")
 
 
 class Multipath(StrictModel):
     """Reflections without a geometry: Gauss-Markov, sigma = floor + horizon exp(-elevation / scale)."""
 
-    floor_m: NotNegative = 0.13
-    horizon_m: NotNegative = 0.53
-    scale_deg: Positive = 10.0
+    floor_m: NotNegative = Field(0.13, description="sigma high above the horizon")
+    horizon_m: NotNegative = Field(0.53, description="what is added at the horizon")
+    scale_deg: Positive = Field(10.0, description="of elevation, over which that falls")
     correlation_time_s: Positive = 60.0
     carrier_ratio: NotNegative = Field(0.01, description="of the carrier's error to the code's")
 
@@ -198,17 +206,17 @@ class Specular(StrictModel):
 class EphemerisErrors(StrictModel):
     """The errors of the messages, constant in the orbit's axes, one sigma."""
 
-    radial_m: NotNegative = 0.0
-    along_m: NotNegative = 0.0
-    cross_m: NotNegative = 0.0
-    clock_m: NotNegative = 0.0
+    radial_m: NotNegative = Field(0.0, description="sigma")
+    along_m: NotNegative = Field(0.0, description="sigma")
+    cross_m: NotNegative = Field(0.0, description="sigma")
+    clock_m: NotNegative = Field(0.0, description="sigma")
 
 
 class AirErrors(StrictModel):
     """The residuals of the atmosphere models, Gauss-Markov at the zenith, one sigma."""
 
     ionosphere_m: NotNegative = Field(0.0, description="at the zenith on L1")
-    troposphere_m: NotNegative = 0.0
+    troposphere_m: NotNegative = Field(0.0, description="sigma at the zenith")
     correlation_time_s: Positive = 1800.0
 
 
@@ -216,12 +224,14 @@ class SimulatedGnss(StrictModel):
     """The receiver: its signals, their noise, and disturbances."""
 
     rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
-    signals: tuple[GpsSignal, ...] = Field(("C1C",), min_length=1)
+    signals: tuple[GpsSignal, ...] = Field(
+        ("C1C",), min_length=1, description="that it tracks, by their RINEX codes"
+    )
     lever_arm_m: Vector3 = Field((0.0, 0.0, 0.0), description="IMU to antenna, forward, right, down")
     antenna: tuple[MountedAntenna, ...] = ()
     horizon_mask_deg: Elevation = 5.0
     cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
-    cn0_sigma_db: NotNegative = 0.5
+    cn0_sigma_db: NotNegative = Field(0.5, description="scatter of the C/N0 that it reports")
     threshold_dbhz: NotNegative = Field(28.0, description="weaker signals are not tracked")
     reacquire_s: NotNegative = Field(2.0, description="from the signal's return to its first measurement")
     pseudorange_noise_m: WhiteNoise = WhiteNoise(floor=0.5, elevation=0.5, cn0_at_45_dbhz=0.7)
@@ -232,7 +242,9 @@ class SimulatedGnss(StrictModel):
     slips_indicated: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
         0.9, description="share the receiver notices"
     )
-    atmosphere: Literal["broadcast", "none"] = "broadcast"
+    atmosphere: Literal["broadcast", "none"] = Field(
+        "broadcast", description="delays of the broadcast ionosphere and the standard troposphere, or none"
+    )
     air_errors: AirErrors = AirErrors()
     ephemeris_errors: EphemerisErrors = EphemerisErrors()
     multipath: Multipath | None = None
@@ -257,7 +269,9 @@ class SimulatedAntenna(MountedAntenna):
 class SimulatedAttitude(StrictModel):
     """Further antennas: receivers like that of [gnss], each with errors of its own."""
 
-    clocks: Literal["common", "separate"] = "common"
+    clocks: Literal["common", "separate"] = Field(
+        "common", description="of the receivers: one for all, or one each"
+    )
     wind_up: bool = Field(True, description="antennas tilted against the main one see the wave turned")
     antenna: tuple[SimulatedAntenna, ...] = Field(min_length=1)
 
@@ -280,16 +294,21 @@ class SimulationConfig(StrictModel):
     duration_s: Positive | None = Field(None, description="that of the manoeuvres when left out")
     place: StartPlace | None = None
     speed_mps: NotNegative = Field(0.0, description="at the beginning")
-    manoeuvre: tuple[Manoeuvre, ...] = ()
+    manoeuvre: tuple[Manoeuvre, ...] = Field((), description="one after the other, see the kinds below")
     follow: LoggedReference | None = None
     reference_rate_hz: Annotated[float, Field(gt=0.0, le=200.0)] = 10.0
     imu: SimulatedImu = SimulatedImu()
     clock: SimulatedClock = SimulatedClock()
-    sky: Sky = NominalSky()
+    sky: Sky = Field(
+        NominalSky(),
+        description="where the satellites come from, see the kinds below; left out: an even constellation",
+    )
     gnss: SimulatedGnss = SimulatedGnss()
     attitude: SimulatedAttitude | None = None
-    sensor: tuple[SimulatedSensor, ...] = ()
-    fault: tuple[Annotated[SignalFault | SensorFault, Field(discriminator="kind")], ...] = ()
+    sensor: tuple[SimulatedSensor, ...] = Field((), description="further sensors, see the kinds below")
+    fault: tuple[Annotated[SignalFault | SensorFault, Field(discriminator="kind")], ...] = Field(
+        (), description="faults of receiver, clocks and sensors, see the kinds below"
+    )
 
     @property
     def sensor_faults(self) -> tuple[SensorFault, ...]:
