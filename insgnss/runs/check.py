@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.config.imu import ImuGrade
+from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
 from insgnss.log.checks.clock import clock_findings
@@ -103,7 +104,13 @@ def _against_fixes(
 ) -> tuple[list[Finding], bool]:
     """Return the findings on a flight without raw GNSS data: its position fixes say how the vehicle moved."""
     sensors = read_sensor_logs(flight)
-    more, found = sensor_findings(sensors, None, logs.imu), fixes_track(sensors)
+    of_fixes, others = (
+        [log for log in sensors if isinstance(log.config, PositionSensor | VelocitySensor) is fixes]
+        for fixes in (True, False)
+    )
+    found = fixes_track(of_fixes)
+    more = sensor_findings(of_fixes, None, logs.imu)
+    more += sensor_findings(others, None if found is None else found.track, logs.imu)
     if found is None:
         return more, False
     track, lever_b, of_velocities = found

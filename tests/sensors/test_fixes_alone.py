@@ -231,11 +231,11 @@ def test_fixes_outside_the_inertial_samples_cannot_start() -> None:
         insgnss.replay(replace(made, logs=replace(made.logs, sensors=late)))
 
 
-def saved_without_gnss(folder: Path, scenario: str, duration_s: float) -> Path:
-    """Return the flight file of a saved simulation with [gnss] taken out of it."""
+def saved_without_gnss(folder: Path, scenario: str, duration_s: float, further: str = "") -> Path:
+    """Return the flight file of a saved simulation with [gnss] taken out of it; ``further`` sensors."""
     file = folder / "scenario.toml"
     text = find("scenarios", scenario).read_text(encoding="utf-8")
-    file.write_text(text + '\n[[sensor]]\nkind = "position"\n[[sensor]]\nkind = "velocity"\n')
+    file.write_text(text + '\n[[sensor]]\nkind = "position"\n[[sensor]]\nkind = "velocity"\n' + further)
     simulate(file, 3, duration_s=duration_s).save(folder / "flight")
     path = folder / "flight" / "flight.toml"
     said = path.read_text(encoding="utf-8")
@@ -265,6 +265,21 @@ def test_check_tells_how_long_fixes_and_velocities_pause(tmp_path: Path) -> None
 
     gaps = [f.text for f in examine(insgnss.Flight.load(path)).findings if f.text.startswith("GNSS gap")]
     assert len(gaps) == 1 and gaps[0].startswith("GNSS gap of 4 s from ")
+
+
+def test_check_holds_other_sensors_against_the_fixes(tmp_path: Path) -> None:
+    """A magnetometer in mG that is declared in uT, beside one that is right."""
+    path = saved_without_gnss(tmp_path, "steep_turns", 120.0, '[[sensor]]\nkind = "magnetometer"\n')
+    right = {
+        f.text: f.severity for f in examine(insgnss.Flight.load(path)).findings if f.topic == "magnetometer"
+    }
+    assert set(right.values()) == {"ok"} and any("against the course" in text for text in right)
+
+    log = pd.read_csv(path.parent / "sensor_magnetometer.csv")
+    log.iloc[:, 1:] *= 10.0
+    log.to_csv(path.parent / "sensor_magnetometer.csv", index=False)
+    wrong = [f for f in examine(insgnss.Flight.load(path)).findings if f.severity == "warning"]
+    assert any("the Earth's field is 22 to 67 uT" in f.advice for f in wrong)
 
 
 def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> None:

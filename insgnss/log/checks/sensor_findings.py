@@ -34,6 +34,8 @@ _SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
 _LEAST_SHIFT_S: Final = 0.2
 _CLIMB_M: Final = 30.0  # least change of height that shows a barometer's slope
 _TURN_DEG: Final = 20.0  # a heading further from the course than a vehicle crabs
+_LEAST_FIELD_UT, _MOST_FIELD_UT = 18.0, 80.0  # the Earth's, and a fifth for iron on board
+_STRAIGHT_MPS2: Final = 1.0  # acceleration of a vehicle that banks by less than 6 deg
 _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0
 
@@ -225,13 +227,26 @@ def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
 
 
 def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
-    """Compare the level heading: roll and pitch are neglected, 2 deg for each degree where the field dips by 63 deg."""
-    m = common.values
-    heading = np.arctan2(-m[:, 1], m[:, 0]) + np.radians(config.declination_deg)
-    findings = _heading_against_course(config, common, heading, "check axes and declination_deg")
-    level = float(np.median(np.hypot(m[:, 0], m[:, 1])))
-    text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}"
-    remarks = [] if 0.5 < level / config.horizontal_ut < 2.0 else ["check its unit, axes and horizontal_ut"]
+    """Compare the level heading where the vehicle does not bank, and the size of the field.
+
+    Roll and pitch that are left are neglected: 2 deg for each degree where the field dips by 63 deg.
+    """
+    gnss, m = common.gnss, common.values
+    acceleration = _at(gnss, common.t_s, np.gradient(gnss.v_n, gnss.t_s, axis=0))
+    straight = np.linalg.norm(acceleration[:, :2], axis=1) < _STRAIGHT_MPS2
+    total = float(np.median(np.linalg.norm(m, axis=1)))
+    remarks, text, findings = [], f"field {total:.1f} uT in all", []
+    if not _LEAST_FIELD_UT < total < _MOST_FIELD_UT:
+        remarks.append("the Earth's field is 22 to 67 uT: check its unit and calibration")
+    if straight.sum() >= _LEAST_POINTS:
+        level_m = m[straight]
+        kept = common._replace(t_s=common.t_s[straight], values=level_m, v_n=common.v_n[straight])
+        heading = np.arctan2(-level_m[:, 1], level_m[:, 0]) + np.radians(config.declination_deg)
+        findings = _heading_against_course(config, kept, heading, "check axes and declination_deg")
+        level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))
+        text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; {total:.1f} uT in all"
+        if not 0.5 < level / config.horizontal_ut < 2.0:
+            remarks.append("check its unit, axes and horizontal_ut")
     return [*findings, _judged(config, text, remarks)]
 
 
