@@ -80,7 +80,7 @@ class Measurements(StrictModel):
     zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
     max_ephemeris_age_s: Positive | None = Field(
         None,
-        description="satellites with an older message are not used; left out: as old as its constellation allows",
+        description="a satellite with an older message is not used; left out: as old as its constellation allows",
     )
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
@@ -174,16 +174,12 @@ class Process(StrictModel):
         description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; the range of a"
         " single QZSS satellite is then used with this much extra noise",
     )
-    inter_system_walk_m_per_sqrt_s: NotNegative = Field(
-        0.005, description="random walk of the clock offset between two constellations"
-    )
+    inter_system_walk_m_per_sqrt_s: NotNegative = Field(0.005, description="of an offset between clocks")
     channel_bias_sigma_m: Positive = Field(
         0.3, description="initial sigma of the GLONASS delay per frequency channel"
     )
     zenith_delay_sigma_m: Positive = Field(0.15, description="initial sigma of the residual zenith delay")
-    zenith_delay_walk_m_per_sqrt_s: NotNegative = Field(
-        0.0003, description="random walk of the tropospheric zenith delay, if it is a state"
-    )
+    zenith_delay_walk_m_per_sqrt_s: NotNegative = Field(0.0003, description="where the delay is a state")
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
         description="initial sigma of the ionosphere model's residual at the zenith on L1: a state where carriers"
