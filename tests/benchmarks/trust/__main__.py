@@ -25,7 +25,7 @@ PAGE, RUNS, CHECKS = "trust.md", "trust_runs.jsonl", "trust_checks.json"
 def asked(arguments: list[str] | None = None) -> argparse.Namespace:
     """Return the options."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.trust", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=24, help="of each row; some rows fly more")
+    parser.add_argument("--seeds", type=int, default=12, help="of each row; some rows fly more")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--rows", default="*", help="names or patterns, parted by commas")
     parser.add_argument("--workers", type=int, default=cores())
