@@ -81,7 +81,7 @@ def test_tables_follow_a_schema_that_changes() -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_page_says_what_every_key_means(name: str) -> None:
+def test_every_row_of_a_key_table_says_what_the_key_means(name: str) -> None:
     rows = [row for row in (DOCS / name).read_text(encoding="utf-8").split("\n") if row.startswith("| `")]
 
     assert rows

@@ -105,10 +105,10 @@ class OneStage:
             advice = "give one for each antenna and satellite, or one for all"
             raise ConfigError(f"signal ratios of shape {a.shape}, not {shape}", key="a", advice=advice)
         a = np.broadcast_to(a, shape)
-        noise = np.broadcast_to(np.asarray(self.rate_noise, np.float64), (3,))
-        if not (a > 0.0).all() or not (noise >= 0.0).all():
+        noise = _three_of(self.rate_noise, "rate_noise")
+        if not ((a > 0.0) & np.isfinite(a)).all() or not ((noise >= 0.0) & np.isfinite(noise)).all():
             raise ConfigError(
-                "signal ratios must be above 0 and variances not below",
+                "signal ratios must be above 0, variances not below, and both finite",
                 key="a",
                 advice="leave a satellite that is not received out of the sky",
             )
@@ -130,7 +130,7 @@ class OneStage:
                 f"invalid angles {angles}", key="rpy", advice="give roll, pitch, yaw in radians"
             )
         for key, value in (("sd_angle_rad", sd_angle_rad), ("sd_rate_radps", sd_rate_radps)):
-            for number in np.atleast_1d(np.asarray(value, np.float64)):
+            for number in _three_of(value, key):
                 require_positive(**{key: number})
         sd = np.r_[np.broadcast_to(sd_angle_rad, 3), np.broadcast_to(sd_rate_radps, 3)]
         return AttitudeState(attitude_matrices(angles), angles, np.zeros(3), np.diag(sd**2))
@@ -297,3 +297,11 @@ def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 4
 def _noise_free(model: OneStage, rpy: Float64) -> Complex:
     psi = phase_differences(attitude_matrices(rpy), model.array, model.sky)
     return np.asarray(model.a * np.exp(1j * np.concatenate([np.zeros_like(psi[:1]), psi])))
+
+
+def _three_of(value: npt.ArrayLike, key: str) -> Float64:
+    """Return three numbers, or one for all three."""
+    numbers = np.asarray(value, np.float64)
+    if numbers.shape not in ((), (3,)):
+        raise ConfigError(f"{key} has the shape {numbers.shape}", key=key, advice="give one number or three")
+    return np.broadcast_to(numbers, (3,))

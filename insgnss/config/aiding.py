@@ -61,7 +61,7 @@ class AidingConfig(StrictModel):
         0.001, description="the same for the radial acceleration"
     )
     # Over which the drift's random walk counts as a rate of the Doppler: the memory of a narrow carrier loop
-    clock_averaging_s: Positive = Field(1.0, description="over which the receiver clock predicts itself")
+    clock_averaging_s: Positive = Field(1.0, description="averaging time of the receiver clock's drift")
 
 
 def aiding_config(wanted: float | AidingConfig, usual: AidingConfig) -> AidingConfig:

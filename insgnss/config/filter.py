@@ -42,8 +42,12 @@ class WeatherConfig(StrictModel):
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
         None, description="at the height below, not reduced to sea level"
     )
-    temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = Field(None, description="at sea level")
-    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = Field(None, description="relative")
+    temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = Field(
+        None, description="at the height h_m"
+    )
+    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = Field(
+        None, description="relative, at the height h_m"
+    )
     h_m: float = Field(0.0, description="where it was measured")
 
 
@@ -79,8 +83,7 @@ class Measurements(StrictModel):
     glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
     zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
     max_ephemeris_age_s: Positive | None = Field(
-        None,
-        description="a satellite with an older message is not used; left out: as old as its constellation allows",
+        None, description="of a message; left out: its constellation's own limit"
     )
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
@@ -91,9 +94,9 @@ class Measurements(StrictModel):
 class NoiseConfig(StrictModel):
     """One kind's variance: floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
-    floor: Sigma = Field(description="sigma that is there in any case")
-    elevation: SigmaOrNone = Field(description="sigma at the zenith of what grows with 1 / sin el")
-    cn0_at_45_dbhz: SigmaOrNone = Field(description="sigma of the thermal noise at 45 dBHz")
+    floor: Sigma = Field(description="constant part of the sigma")
+    elevation: SigmaOrNone = Field(description="part that grows with 1 / sin el, at the zenith")
+    cn0_at_45_dbhz: SigmaOrNone = Field(description="thermal part, at 45 dBHz")
     correlation_time_s: NotNegative = Field(
         0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
     )
@@ -259,7 +262,7 @@ class HealthConfig(StrictModel):
     recovery: bool = Field(
         True,
         description="whether the filter may be reset, and another start take a given one's place;"
-        " off: it stays as it is, whatever the rows show",
+        " off: it stays as it is, whatever the rows show, unless its satellites cannot be seen from there",
     )
     suspicion_sigma: NotNegative = Field(
         4.5,
@@ -285,7 +288,7 @@ class StartConfig(StrictModel):
     sd_level_moving_deg: Positive = Field(
         3.0, description="roll and pitch sigma when levelled in motion, at least"
     )
-    min_satellites: Annotated[int, Field(ge=4)] = Field(5, description="of the first fix")
+    min_satellites: Annotated[int, Field(ge=4)] = Field(5, description="of the first fix, for patience_s")
     patience_s: NotNegative = Field(10.0, description="after that long, four satellites are enough")
     max_gdop: Positive = Field(12.0, description="dilution of precision of the first fix at most")
 

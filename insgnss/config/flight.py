@@ -213,7 +213,7 @@ class ReferenceColumns(LogColumns):
     attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
         ("roll_deg", "pitch_deg", "yaw_deg"), description="roll, pitch, yaw"
     )
-    quality: ColumnName = Field("quality", description="of a fix")
+    quality: ColumnName = Field("quality", description="of each fix")
     sigma_position: tuple[ColumnName, ColumnName, ColumnName] = Field(
         ("sd_n_m", "sd_e_m", "sd_d_m"), description="north, east, down"
     )

@@ -30,7 +30,9 @@ class Emitter(StrictModel):
     from_s: float | None = Field(
         None, description="time it is switched on, seconds of the GPS week; from the beginning when left out"
     )
-    until_s: float | None = None
+    until_s: float | None = Field(
+        None, description="time it is switched off, seconds of the GPS week; to the end when left out"
+    )
 
     @model_validator(mode="after")
     def _is_one_kind(self) -> Emitter:

@@ -42,7 +42,7 @@ class LoggedReference(LogTable):
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
     from_s: float | None = Field(None, description="seconds of the GPS week; its beginning when left out")
-    to_s: float | None = None
+    to_s: float | None = Field(None, description="seconds of the GPS week; to its end when left out")
     smoothing_s: Positive = Field(0.5, description="distance of the knots: what is faster is left out")
 
 
@@ -87,7 +87,7 @@ class Vibration(StrictModel):
 class SimulatedImu(StrictModel):
     """The inertial sensor and its log."""
 
-    grade: str | ImuGrade = "tactical"
+    grade: str | ImuGrade = Field("tactical", description="a name, see `insgnss models`, or a table")
     rate_hz: Annotated[float, Field(gt=0.0, le=4000.0)] = 100.0
     values: Literal["rates", "increments"] = "rates"
     vibration: Vibration = Vibration()
@@ -99,7 +99,7 @@ class SimulatedImu(StrictModel):
 class SimulatedClock(StrictModel):
     """The receiver's oscillator and where its clock begins."""
 
-    oscillator: str | Oscillator = "tcxo"
+    oscillator: str | Oscillator = Field("tcxo", description="a name, see `insgnss models`, or a table")
     bias_m: float = Field(0.0, description="at the start")
     drift_mps: float = Field(0.0, description="at the start")
     jump_beyond_m: Positive | None = Field(

@@ -1,4 +1,4 @@
-"""The event at the end of a run whose logs contradict each other: units, signs, axes or times are declared wrongly."""
+"""The event at the end of a run whose logs contradict each other or what is declared of them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def contradiction(
         signs.append(f"the filter was reset {times} times")
     for kind in KINDS:
         rows = f"{kind.replace('_', ' ')}s"
-        refused, hidden = (_share(counts, kind, of) for of in (REFUSED, HIDDEN))
+        refused = _share(counts, kind, REFUSED, ("used", *REFUSED))
+        hidden = _share(counts, kind, HIDDEN, ("used", *REFUSED, *HIDDEN))
         if refused > MOST_REFUSED:
             signs.append(f"it refused {refused:.0%} of the {rows}")
         if hidden > MOST_HIDDEN:
@@ -86,11 +87,9 @@ def _most_drifting(measurements: pd.DataFrame) -> tuple[int, int]:
     return max(each, key=lambda found: found[0] / found[1], default=(0, 0))
 
 
-def _share(counts: pd.DataFrame, kind: str, statuses: tuple[str, ...]) -> float:
-    """Return which share of the measurements of a kind, used ones and these, have such a status; 0 of few."""
+def _share(counts: pd.DataFrame, kind: str, such: tuple[str, ...], of: tuple[str, ...]) -> float:
+    """Return the share of statuses ``such`` among those ``of`` for one kind of measurement; 0 of few."""
     if kind not in counts:
         return 0.0
-    column = counts[kind]
-    such = sum(int(column.get(status, 0)) for status in statuses)
-    of = such + int(column.get("used", 0))
-    return such / of if of >= LEAST_ROWS else 0.0
+    some, all_of = (sum(int(counts[kind].get(status, 0)) for status in each) for each in (such, of))
+    return some / all_of if all_of >= LEAST_ROWS else 0.0

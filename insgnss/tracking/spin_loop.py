@@ -1,8 +1,8 @@
 """The spin angle as a state of a phase loop: a side antenna finds its angle and spin rate from the signal itself.
 
 An antenna of circular polarisation looks outwards at a radius from the spin axis; psi is its angle from the direction
-in which it is nearest to the satellite, theta the angle between axis and line of sight. Its crossed dipoles (along the
-axis, and along the turn) make across the line of sight                                   [Wu et al. 1993, (25)-(30)]
+in which it is nearest to the satellite, theta the angle between axis and line of sight. Its crossed dipoles (along
+the axis, and along the turn) receive the signal with the gain                           [Wu et al. 1993, (25)-(30)]
 
     h(psi) = (sin theta + cos psi + j cos theta sin psi) / (1 + sin theta)
 

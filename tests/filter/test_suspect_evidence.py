@@ -186,3 +186,5 @@ def test_past_of_a_stream_is_rerun_in_one_piece_but_not_across_another_ionospher
     np.testing.assert_array_equal(whole.rows.sat, np.concatenate([part.sat for part in parts[:2]]))
     assert later.rows.klobuchar is learnt.klobuchar and later.rows.epoch_ns.tolist() == at[2].tolist()
     assert len(in_one_piece((EpochRange(parts[0], 1, 2),))[0].rows.epoch_ns) == 1
+    silent = rows_of(at[1], np.zeros((0, 8)))
+    assert len(in_one_piece(tuple(EpochRange(part, 0, 2) for part in (parts[0], silent, parts[2])))) == 1

@@ -83,6 +83,15 @@ def test_imu_upside_down_that_hides_all_satellites_is_told_at_the_end() -> None:
     assert "the antenna cannot see" in told[1] and "antenna may not be as declared" in told[1]
 
 
+def test_rows_that_the_filter_refuses_are_not_hidden_ones() -> None:
+    none = pd.DataFrame({"kind": ["start"]})
+    counts = pd.DataFrame({"range_rate": [30, 70, 900]}, index=["used", "masked_gain", "gated"])
+    (told,) = contradiction(none, NO_ROWS, counts, 7)
+    assert "refused 97%" in told.detail and "cannot see" not in told.detail
+    (told,) = contradiction(none, NO_ROWS, counts.iloc[:2], 7)
+    assert told.detail.startswith("by its attitude 70% of the range rates")
+
+
 def test_most_satellites_that_drift_and_many_suspicions_are_signs() -> None:
     events = pd.DataFrame({"kind": ["sensor_suspect", "time_tag_suspect"] * 2})
     counts = pd.DataFrame({"range_rate": [60], "pseudorange": [100]}, index=["used"])

@@ -23,6 +23,8 @@ from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64, GnssTable, ImuTable
 from insgnss.units import MPS2_PER_MG, deg_per_h_to_radps
+from tests.benchmarks.trust.flying import drawn
+from tests.benchmarks.trust.rows import Row
 from tests.filter.test_engine import assert_same_bits, no_delay, stream
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
@@ -378,3 +380,21 @@ def test_fix_that_reflections_agree_on_is_not_taken() -> None:
     run = insgnss.replay(with_rows(change, six, FAULT_S + 20.0))
     assert not {"reset", "restart", "clock_jump"} & set(run.events["kind"])
     assert position_m(run, FAULT_S) < 10.0
+
+
+@pytest.mark.parametrize("seed", [62, 63])
+def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(seed: int) -> None:
+    """100 mg along the way of a jet: after half a second no row fits any more, and a fix is at hand."""
+    _, _, flown = drawn(Row("jet", "jet", "fast_jet", (), "navigation"), seed)
+    imu, at_s = flown.logs.imu, 200.0
+    f_b = imu.f_b.copy()
+    f_b[(imu.t_ns - imu.t_ns[0]) / NS_PER_S > at_s, 0] += 100.0 * MPS2_PER_MG
+    run = insgnss.replay(replace(flown, logs=replace(flown.logs, imu=replace(imu, f_b=f_b))))
+    assert run.errors is not None
+    since = run.errors["time_s"] - run.errors["time_s"].iloc[0] - at_s
+    named = run.events[run.events["kind"] == "sensor_suspect"]
+    assert "accelerometer x" in named["detail"].iloc[0] and len(named) == 1
+    assert "reset" not in set(run.events["kind"])
+    late = run.errors[since > 15.0]
+    for name in ATTITUDE:
+        assert (late[f"d_{name}"].abs() < 5.0 * late[f"sd_{name}"]).all()

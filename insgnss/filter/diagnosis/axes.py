@@ -67,6 +67,7 @@ def _log_ratio(J: Float64, h: Float64, sizes: Sequence[float]) -> float:
     """Return ln B of some axes, the mean over the sigmas of their jump."""
     size2 = np.square(sizes)
     A = np.eye(len(h)) + size2[:, None, None] * J
-    gain = size2 * (np.linalg.solve(A, h[:, None])[..., 0] @ h)
+    every_h = np.broadcast_to(h[:, None], (len(size2), len(h), 1))
+    gain = size2 * (np.linalg.solve(A, every_h)[..., 0] @ h)
     log_ratios = 0.5 * gain - 0.5 * np.maximum(np.linalg.slogdet(A)[1], 0.0)
     return float(np.logaddexp.reduce(log_ratios)) - math.log(len(sizes))

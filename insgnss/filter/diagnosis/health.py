@@ -145,13 +145,11 @@ class FilterHealth:
         )
         events: list[Event] = []
         lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
-        tells = _tells(lines) and health.recovery
-        if len(bank.state) == 1 and tells and t_ns >= self.past.look_again_ns:
-            bank.head["doubted_ns"] = t_ns  # before a reset it is checked in any case
-            found = self.suspect(bank, imu, t_ns, parameters)
-            if found.bank is not bank:
-                return found
-            events = found.events
+        if _tells(lines) and health.recovery:
+            remedy = self._second_look(bank, imu, t_ns, parameters)
+            if remedy.bank is not bank:
+                return remedy
+            events = remedy.events
         kind = contradicted_kind(lines)
         if kind is not None:
             events += self._told(Event(t_ns, "kind_refused", f"{reason}: {kind}"))
@@ -211,7 +209,15 @@ class FilterHealth:
             self.doubt = None
         if found is None:
             return Remedy(bank, [])
-        return self._set_right(bank, found, doubt, t_ns)
+        remedy = self._second_look(bank, imu, t_ns, parameters)
+        return remedy if remedy.bank is not bank else self._set_right(bank, found, doubt, t_ns)
+
+    def _second_look(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
+        """Look whose fault it is before a reset, whatever came of the last look."""
+        if len(bank.state) > 1 or t_ns < self.past.look_again_ns:
+            return Remedy(bank, [])
+        bank.head["doubted_ns"] = t_ns
+        return self.suspect(bank, imu, t_ns, parameters)
 
     def _set_right(self, bank: Bank, found: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
         """Replace the filter by the copy that the rows support; restart if that does not last."""

@@ -136,13 +136,10 @@ def in_one_piece(epochs: EpochRanges) -> EpochRanges:
     """
     alike: list[list[GnssRows]] = []
     for rows in (each.alone() for each in epochs):
-        last = alike[-1][-1] if alike else None
-        has_carrier = len(rows.carrier) > 0
-        if (
-            last is not None
-            and (len(last.carrier) > 0) == has_carrier
-            and np.array_equal(last.klobuchar, rows.klobuchar)
-        ):
+        last = alike[-1][-1] if alike else rows
+        is_told = len(rows.observation) > 0 and len(last.observation) > 0  # whether there are carriers
+        same = not is_told or (len(rows.carrier) > 0) == (len(last.carrier) > 0)
+        if alike and same and np.array_equal(last.klobuchar, rows.klobuchar):
             alike[-1].append(rows)
         else:
             alike.append([rows])

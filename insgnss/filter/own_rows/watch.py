@@ -44,10 +44,11 @@ class RefusalWatch:
         for entry in entries:
             by_kind.setdefault(entry.kind, []).append(entry)
         for name, rows in by_kind.items():
-            if all(row.status == CONTRADICTS for row in rows):
-                continue  # an event of its own names them and their end
             refused = all(row.status != USED for row in rows)
             before = self.kinds.get(name, Refusals(0.0, t_ns, t_ns, False))
+            if all(row.status == CONTRADICTS for row in rows):
+                self.kinds[name] = before._replace(last_ns=t_ns)
+                continue  # an event of its own names them and their end
             step = 1.0 - math.exp(-(t_ns - before.last_ns) / NS_PER_S / _MEMORY_S)
             share = before.share + min(step, _MOST_AT_ONCE) * (float(refused) - before.share)
             since_ns = before.since_ns if before.share >= _OVER else t_ns

@@ -15,7 +15,7 @@ from insgnss.tables import Float64
 
 
 def begin_with_model_noise(bank: Bank, rows: GnssRows, epoch: int, par: Parameters) -> None:
-    """Set the noise levels of a bank so that sigmas which the log states too small are those of the model at first.
+    """Set the noise levels of a bank so that most sigmas which the log states too small are the model's at first.
 
     A level that is too high falls within a few epochs, as the residuals show it. One that is far too low stays: the
     loudest rows are refused, and the others seem as quiet as stated.
@@ -28,7 +28,7 @@ def begin_with_model_noise(bank: Bank, rows: GnssRows, epoch: int, par: Paramete
 
 
 def _stated_level(rows: GnssRows, epoch: int, par: Parameters, kind: int, r_e: Float64) -> float:
-    """Return the mean ratio of the model's variance to that which the log states, of the rows of one kind."""
+    """Return the median ratio of the model's variance to that which the log states, of the rows of one kind."""
     of: KindNumbers = par.kind[kind]
     part = slice(int(rows.first[epoch]), int(rows.first[epoch + 1]))
     offered = rows.observation["status"][part, kind] == USED
@@ -41,4 +41,4 @@ def _stated_level(rows: GnssRows, epoch: int, par: Parameters, kind: int, r_e: F
         else 1.0
         for s, thermal, stated in zip(sine, row["thermal"], row["sigma"][:, kind], strict=True)
     ]
-    return float(np.mean(ratios)) if ratios else 1.0
+    return float(np.median(ratios)) if ratios else 1.0

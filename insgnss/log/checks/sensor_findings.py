@@ -23,7 +23,7 @@ from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.imu.time import IMU_GAP_STEPS
-from insgnss.tables import Float64, ImuTable, SensorTable
+from insgnss.tables import Bool, Float64, ImuTable, SensorTable
 from insgnss.units import SI_PER_UNIT
 
 _LEAST_POINTS: Final = 10
@@ -131,6 +131,15 @@ def _common(table: SensorTable, gnss: _LocalTrack, origin_ns: int) -> _SampledTr
     return _SampledTrack(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)
 
 
+def _part(common: _SampledTrack, which: Bool) -> _SampledTrack:
+    return common._replace(
+        t_s=common.t_s[which],
+        values=common.values[which],
+        v_n=common.v_n[which],
+        place=common.place[which],
+    )
+
+
 def _rate(config: Sensor, table: SensorTable) -> Finding:
     """Return how many readings there are, how often, and the longest gap."""
     text = f"{len(table.t_ns)} readings"
@@ -222,8 +231,8 @@ def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     good = np.isfinite(common.values[:, 2])
     if not good.any():
         return []
-    kept = common._replace(t_s=common.t_s[good], v_n=common.v_n[good], place=common.place[good])
-    return _heading_against_course(config, kept, common.values[good, 2], "give it by mounting_rpy_deg")
+    kept = _part(common, good)
+    return _heading_against_course(config, kept, kept.values[:, 2], "give it by mounting_rpy_deg")
 
 
 def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -231,16 +240,19 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
 
     Roll and pitch that are left are neglected: 2 deg for each degree where the field dips by 63 deg.
     """
+    known = np.asarray(np.isfinite(common.values).all(axis=1))
+    if not known.any():
+        return []
+    common = _part(common, known)
     gnss, m = common.gnss, common.values
     acceleration = _at(gnss, common.t_s, np.gradient(gnss.v_n, gnss.t_s, axis=0))
-    straight = np.linalg.norm(acceleration[:, :2], axis=1) < _STRAIGHT_MPS2
+    straight = np.hypot(acceleration[:, 0], acceleration[:, 1]) < _STRAIGHT_MPS2
     total = float(np.median(np.linalg.norm(m, axis=1)))
     remarks, text, findings = [], f"field {total:.1f} uT in all", []
     if not _LEAST_FIELD_UT < total < _MOST_FIELD_UT:
         remarks.append("the Earth's field is 22 to 67 uT: check its unit and calibration")
     if straight.sum() >= _LEAST_POINTS:
-        level_m = m[straight]
-        kept = common._replace(t_s=common.t_s[straight], values=level_m, v_n=common.v_n[straight])
+        kept, level_m = _part(common, straight), m[straight]
         heading = np.arctan2(-level_m[:, 1], level_m[:, 0]) + np.radians(config.declination_deg)
         findings = _heading_against_course(config, kept, heading, "check axes and declination_deg")
         level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))

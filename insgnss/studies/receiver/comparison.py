@@ -51,7 +51,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
-from insgnss.studies.receiver.admission import checked_call, wanted_variants
+from insgnss.studies.receiver.admission import checked_call, require_used, wanted_variants
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
 from insgnss.studies.receiver.jammed_sky import emitters_of
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
@@ -164,6 +164,7 @@ def receiver_study(
     require_seed(seed)
     _check_code(wanted, tracking)
     asked = FlightRequest(scenario, tracking, imu, oscillator, options, emitters, antennas)
+    require_used(asked.options, wanted, with_ins=asked.imu is not None)
     flight = receiver_flight(asked, wanted, levels, threads)
     scene, profiles = flight.scene, flight.profiles
     found: dict[tuple[str, float], list[ReceiverRun]] = {}

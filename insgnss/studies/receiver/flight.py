@@ -24,7 +24,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.errors import ConfigError
-from insgnss.studies.receiver.admission import check_options, require_answers, require_used
+from insgnss.studies.receiver.admission import check_options, require_answers
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
@@ -83,7 +83,6 @@ def receiver_flight(
     if asked.emitters is not None and o.average_s is None:
         asked = asked._replace(options=replace(o, average_s=o.settle_s))
     scene, profiles = _scene(asked, levels)
-    require_used(o, wanted, with_ins=asked.imu is not None)
     require_answers(scene.setting, wanted, profiles)
     if asked.emitters is not None:
         return ReceiverFlight(scene, profiles, {})

@@ -320,6 +320,8 @@ def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: C
                 room.fresh[c] = 0
             else:
                 use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
+        else:
+            room.innovation[c] = math.nan
 
 
 @kernel(apart=True)

@@ -28,7 +28,7 @@ class SearchRow(NamedTuple):
 
     channel: int
     lost_s: float  # since when it had no signal
-    back_s: float  # when the signal was back; inf: not until the run's end, and what follows is not a number
+    back_s: float  # when the signal was back; inf: not until the run's end, and no window was set
     tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
     cn0_dbhz_back: float  # that the receiver believes in then
     sd_delay_m: float
