@@ -164,8 +164,8 @@ def receiver_study(
     require_seed(seed)
     _check_code(wanted, tracking)
     asked = FlightRequest(scenario, tracking, imu, oscillator, options, emitters, antennas)
-    require_used(asked.options, wanted, with_ins=asked.imu is not None)
     flight = receiver_flight(asked, wanted, levels, threads)
+    require_used(asked.options, wanted, with_ins=asked.imu is not None)
     scene, profiles = flight.scene, flight.profiles
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
