@@ -17,15 +17,18 @@ import insgnss
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.filter.diagnosis.health import FilterHealth, Remedy
+from insgnss.filter.state import Bank
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.engine import Engine
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
-from insgnss.tables import Float64, GnssTable, ImuTable
+from insgnss.tables import Event, Float64, GnssTable, ImuTable
 from insgnss.units import MPS2_PER_MG, deg_per_h_to_radps
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.rows import Row
 from tests.filter.test_engine import assert_same_bits, no_delay, stream
+from tests.runs.scenes import flight, true_start, turns
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
 START_S = 293_700.0
@@ -398,3 +401,21 @@ def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(seed: int
     late = run.errors[since > 15.0]
     for name in ATTITUDE:
         assert (late[f"d_{name}"].abs() < 5.0 * late[f"sd_{name}"]).all()
+
+
+def test_what_a_look_finds_when_a_fix_is_believed_is_told_beside_the_reset(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looks = []
+
+    def look(health: FilterHealth, bank: Bank, imu: object, t_ns: int, parameters: object) -> Remedy:
+        looks.append(t_ns)
+        return Remedy(bank, [Event(t_ns, "looked", "")])
+
+    monkeypatch.setattr(FilterHealth, "_second_look", look)
+    start = true_start(turns(), 2.0)
+    off = {"lat_deg": start.lat_deg + 0.001, "sd_position_m": 1.0, "sd_velocity_mps": 0.1}
+    wrong = start.model_copy(update=off)
+    events = insgnss.replay(flight(turns(), start=wrong)).events
+    assert list(events["kind"]).count("reset") == 1
+    assert list(events["kind"]).count("looked") == len(looks) > 1

@@ -210,7 +210,10 @@ class FilterHealth:
         if found is None:
             return Remedy(bank, [])
         remedy = self._second_look(bank, imu, t_ns, parameters)
-        return remedy if remedy.bank is not bank else self._set_right(bank, found, doubt, t_ns)
+        if remedy.bank is not bank:
+            return remedy
+        done = self._set_right(bank, found, doubt, t_ns)
+        return done._replace(events=remedy.events + done.events)
 
     def _second_look(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is before a reset, whatever came of the last look."""
