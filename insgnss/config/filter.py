@@ -68,9 +68,7 @@ class Measurements(StrictModel):
     range_rate: bool = Field(True, description="use them, or the Doppler they are computed from")
     carrier: bool = Field(True, description="time-differenced carrier phase, where the log has it")
     carrier_max_interval_s: Positive = Field(2.0, description="epochs farther apart are not differenced")
-    elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = Field(
-        5.0, description="satellites below it are not used"
-    )
+    elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
     cn0_mask_dbhz: NotNegative = Field(0.0, description="weaker signals are not used; 0: all")
     ionosphere: Literal["klobuchar", "nequick", "beidou", "own", "ionosphere_free", "none"] = Field(
         "klobuchar", description="'own': each constellation by the model it broadcasts itself"
@@ -94,9 +92,9 @@ class Measurements(StrictModel):
 class NoiseConfig(StrictModel):
     """One kind's variance: floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
-    floor: Sigma = Field(description="constant part of the sigma")
-    elevation: SigmaOrNone = Field(description="part that grows with 1 / sin el, at the zenith")
-    cn0_at_45_dbhz: SigmaOrNone = Field(description="thermal part, at 45 dBHz")
+    floor: Sigma
+    elevation: SigmaOrNone
+    cn0_at_45_dbhz: SigmaOrNone
     correlation_time_s: NotNegative = Field(
         0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
     )
@@ -337,9 +335,7 @@ class Visibility(StrictModel):
 
     on: bool = Field(True, description="without antennas in the flight file nothing is masked either way")
     threshold: Literal["gain", "cn0"] = Field("gain", description="which of the next two is used")
-    threshold_gain_dbic: float = Field(
-        -5.0, description="a satellite is hidden where the antenna has less gain"
-    )
+    threshold_gain_dbic: float = -5.0
     threshold_cn0_dbhz: float = Field(30.0, description="of the predicted C/N0, nominal_cn0_dbhz plus gain")
     nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
     hysteresis_db: NotNegative = Field(

@@ -104,10 +104,8 @@ def _against_fixes(
 ) -> tuple[list[Finding], bool]:
     """Return the findings on a flight without raw GNSS data: its position fixes say how the vehicle moved."""
     sensors = read_sensor_logs(flight)
-    of_fixes, others = (
-        [log for log in sensors if isinstance(log.config, PositionSensor | VelocitySensor) is fixes]
-        for fixes in (True, False)
-    )
+    of_fixes = [log for log in sensors if isinstance(log.config, PositionSensor | VelocitySensor)]
+    others = [log for log in sensors if not isinstance(log.config, PositionSensor | VelocitySensor)]
     found = fixes_track(of_fixes)
     more = sensor_findings(of_fixes, None, logs.imu)
     more += sensor_findings(others, None if found is None else found.track, logs.imu)

@@ -47,7 +47,7 @@ def test_gain_and_wind_up_are_those_of_crossed_dipoles_in_space(theta_deg: float
 def flown(
     theta_deg: float, rate_hz: float, cn0_dbhz: float, seed: int, seconds: float = 2.0
 ) -> tuple[SpinBank, np.ndarray]:
-    """Return the bank after a flight from an angle that nobody knows, and its errors of angle and rate."""
+    """Return the bank after a flight from an unknown angle, and its errors of angle and rate."""
     rng, n, theta = np.random.default_rng(seed), round(seconds / T), math.radians(theta_deg)
     drift_density, a = 1.0, 2.0 * 10.0 ** (0.1 * cn0_dbhz) * T
     psi = rng.uniform(-math.pi, math.pi) + 2.0 * math.pi * rate_hz * T * np.arange(n)

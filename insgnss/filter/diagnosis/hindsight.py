@@ -53,7 +53,6 @@ from insgnss.filter.diagnosis.witnesses import (
     singles,
 )
 from insgnss.filter.loop import DONE
-from insgnss.filter.output.trace_rows import no_trace
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import ImuSamples
@@ -77,7 +76,6 @@ _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its ne
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
 _LARGEST: Final = 6.0  # times the largest jump's sigma: no bias, the sensor gives anything
-_NO_TIMES: Final = np.zeros(0, np.int64)  # of rows between epochs
 NOISY: Final = 4.0  # times what it was, or is assumed to be: a variance that shows most rows to be noise
 
 
@@ -116,7 +114,6 @@ class Hindsight:
         self.work = new_workspace(largest, setup.layout, setup.installation, setup.visibility_limits)
         oldest_ns = int(past.banks[0].head[0].now_ns)
         onsets_ns = [self.end_ns - onset_s * NS_PER_S for onset_s in reversed(_ONSETS_S)]
-        self.no_trace = no_trace()
         bank = self.oldest()
         self.before: list[Bank] = []
         self.base: list[EpochLog] = []
@@ -321,8 +318,7 @@ class Hindsight:
             if last <= first:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
-            shown = self.setup.layout.n_shown
-            out = new_output(rows, len(rows.epoch_ns), 64, _NO_TIMES, shown, self.no_trace)
+            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_shown)
             code = run_beside(bank, rows, imu or self.imu, self.parameters, out, self.work, self.setup)
             if code != DONE:
                 return None

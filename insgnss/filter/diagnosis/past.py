@@ -136,14 +136,19 @@ def in_one_piece(epochs: EpochRanges) -> EpochRanges:
     """
     alike: list[list[GnssRows]] = []
     for rows in (each.alone() for each in epochs):
-        last = alike[-1][-1] if alike else rows
-        is_told = len(rows.observation) > 0 and len(last.observation) > 0  # whether there are carriers
-        same = not is_told or (len(rows.carrier) > 0) == (len(last.carrier) > 0)
-        if alike and same and np.array_equal(last.klobuchar, rows.klobuchar):
+        if alike and _are_alike(alike[-1][-1], rows):
             alike[-1].append(rows)
         else:
             alike.append([rows])
     return tuple(EpochRange(rows, 0, len(rows.epoch_ns)) for rows in map(joined_epochs, alike))
+
+
+def _are_alike(rows: GnssRows, other: GnssRows) -> bool:
+    """Return whether both have the same ionosphere, and carriers either both or neither, as far as they have rows."""
+    is_empty = len(rows.observation) == 0 or len(other.observation) == 0
+    return np.array_equal(rows.klobuchar, other.klobuchar) and (
+        is_empty or (len(rows.carrier) > 0) == (len(other.carrier) > 0)
+    )
 
 
 def rows_at(stretches: EpochRanges, t_ns: int) -> GnssRows:

@@ -73,13 +73,12 @@ def fits(written: list[EpochLog], strict: bool) -> bool:
     ledger = np.concatenate([w.ledger for w in late])
     for kind in range(2):
         rows = _of_kind(ledger, kind)
-        used, refused = used_and_refused(rows.status)
-        n_used = int(np.sum(used))
-        n_judged = n_used + int(np.sum(refused))
-        if n_judged < FEW:
+        n_used, n_refused = judged(rows.status)
+        if n_used + n_refused < FEW:
             continue
-        if n_used < _FITS[strict] * n_judged:
+        if n_used < _FITS[strict] * (n_used + n_refused):
             return False
+        used = rows.status == USED
         if np.sum(least_nis(_of_kind(ledger[used], kind), epoch[used])) > _LARGEST_NIS[strict] * n_used:
             return False
     return True

@@ -6,6 +6,7 @@ receiver has it at that instant. Its covariance is the one of a navigation row, 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -94,8 +95,9 @@ def new_trace_room(
     )
 
 
+@cache
 def no_trace(n_offsets: int = 0) -> TraceRoom:
-    """Return room for nothing."""
+    """Return room for nothing, which all share."""
     return new_trace_room(np.zeros(0, np.int64), 1.0, 0, n_offsets)
 
 

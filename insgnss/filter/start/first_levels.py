@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.filter.parameters import KindNumbers, Parameters
-from insgnss.filter.rows.row_noise import STATED_FLOOR2
+from insgnss.filter.rows.row_noise import model_variance, row_variance
 from insgnss.filter.state import Bank
 from insgnss.geodesy.local_level import up_direction
-from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -33,12 +32,12 @@ def _stated_level(rows: GnssRows, epoch: int, par: Parameters, kind: int, r_e: F
     part = slice(int(rows.first[epoch]), int(rows.first[epoch + 1]))
     offered = rows.observation["status"][part, kind] == USED
     row, sight = rows.observation[part][offered], rows.sat[part, :3][offered] - r_e
+    stated = row["sigma"][:, kind]
+    if not (stated > 0.0).any():
+        return 1.0
     sine = sight @ np.array(up_direction(r_e)) / np.linalg.norm(sight, axis=1)
     ratios = [
-        measurement_variance(s, thermal, of.floor2, of.elevation2, of.cn02, of.missing_thermal)
-        / stated_variance(stated, STATED_FLOOR2 * of.floor2)
-        if stated > 0.0
-        else 1.0
-        for s, thermal, stated in zip(sine, row["thermal"], row["sigma"][:, kind], strict=True)
+        model_variance(s, thermal, of) / row_variance(sigma, s, thermal, of)
+        for s, thermal, sigma in zip(sine, row["thermal"], stated, strict=True)
     ]
-    return float(np.median(ratios)) if ratios else 1.0
+    return float(np.median(ratios))

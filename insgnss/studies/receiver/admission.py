@@ -288,11 +288,15 @@ def require_used(o: ReceiverOptions, wanted: Mapping[str, Variant], *, with_ins:
     ------
     ConfigError : settings of an inertial system where there is none, or a divergence of phase and code without code
     """
-    asked = {"latency_s": o.latency_s > 0.0, "imu_gaps_s": len(o.imu_gaps_s) > 0}
-    unused = [key for key, is_set in (asked | {"imu_rate_hz": o.imu_rate_hz is not None}).items() if is_set]
+    of_ins = {
+        "latency_s": o.latency_s > 0.0,
+        "imu_gaps_s": len(o.imu_gaps_s) > 0,
+        "imu_rate_hz": o.imu_rate_hz is not None,
+    }
+    unused = [key for key, is_set in of_ins.items() if is_set]
     if unused and not with_ins:
         advice = f"give an inertial system, or leave out {unused[0]}"
-        raise ConfigError("there is no inertial system", key=unused[0], advice=advice)
+        raise ConfigError("the receivers have no inertial system", key=unused[0], advice=advice)
     if o.divergence_density > 0.0 and not any(variant.with_code for variant in wanted.values()):
         raise ConfigError(
             "no receiver compares phase with code",
