@@ -120,7 +120,7 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
     x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A)
     accel_q = m.sum_accel_q + residual * dt
     step = transition_step(dt, x, y, z, m.r_e)
-    place_decays(par, dt, scratch.keep)
+    place_decays(m, par, dt, scratch.keep)
     couplings = scratch.couplings[: par.n_couplings]
     for k in range(couplings.shape[0]):
         couplings[k].at, couplings[k].into = par.coupling_at[k], par.coupling_into[k]
@@ -157,9 +157,13 @@ def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
 
 
 @kernel(inline=True)
-def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
-    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s]."""
-    of_a, of_g = math.exp(-dt / par.accel_bias_time), math.exp(-dt / par.gyro_bias_time)
+def place_decays(m: StateRecord, par: Parameters, dt: float, keep: Float64) -> None:
+    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s].
+
+    The time is that of a sound sensor. What one has jumped by when it failed stays.
+    """
+    of_a = 1.0 if m.failed[0] else math.exp(-dt / par.accel_bias_time)
+    of_g = 1.0 if m.failed[1] else math.exp(-dt / par.gyro_bias_time)
     for i in range(3):
         keep[BA + i] = of_a
         keep[BG + i] = of_g

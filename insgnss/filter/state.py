@@ -72,6 +72,8 @@ class StateRecord(Record):
     v_e: Annotated[Float64, 3]  # [m/s]
     b_a: Annotated[Float64, 3]  # accelerometer bias [m/s^2]
     b_g: Annotated[Float64, 3]  # gyro bias [rad/s]
+    # of accelerometers and gyros, 1: one has failed, and their biases no longer return to zero
+    failed: Annotated[Int64, 2]
     clock: Annotated[Float64, 2]  # receiver clock bias [m] and drift [m/s]
     optional: Annotated[Float64, MAX_OPTIONAL]  # values of the optional states, from OFFSETS on
     # the epoch before, as the carrier's differences need it
@@ -258,6 +260,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
     for i in range(2):
         target.explained_variance[i] = source.explained_variance[i]
+        target.failed[i] = source.failed[i]
     target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
     target.crept_ns, target.rates_out_ns = source.crept_ns, source.rates_out_ns
     target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns

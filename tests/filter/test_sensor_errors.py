@@ -124,9 +124,13 @@ def test_whole_errors_are_the_sums_of_their_parts(rng: np.random.Generator) -> N
     assert BIAS_OF == {DV: BA, PSI: BG}
 
 
+@pytest.mark.parametrize(
+    ("of_it", "turned_by"), [(1.0, 1.0), (1.7, 1.0), (0.4, 0.4), (0.0, 0.0), (-0.5, 0.0)]
+)
 def test_accelerometer_errors_stay_in_space_while_the_tilt_that_belongs_to_them_is_corrected(
-    rng: np.random.Generator,
+    of_it: float, turned_by: float, rng: np.random.Generator
 ) -> None:
+    """An error that has just begun has made no tilt: ``of_it`` is the part of its tilt that is corrected with it."""
     layout = full_layout()
     bank, M = drawn(layout, rng)
     m, P, par = bank.state[0], bank.P[0], numbers(layout)
@@ -135,6 +139,8 @@ def test_accelerometer_errors_stay_in_space_while_the_tilt_that_belongs_to_them_
     correction = 0.1 * rng.normal(size=len(P))
     up, of_force = np.array(up_direction(m.r_e)), np.array([0, 1, 2]) + BA
     tilt = np.cross(up, m.C_eb @ M[:3] @ correction) / STANDARD_GRAVITY_MPS2
+    correction[PSI : PSI + 3] = of_it * tilt + 0.3 * up
+    tilt *= turned_by
     whole = np.eye(len(P))
     whole[of_force] = M[:3]
     turned = np.eye(len(P))

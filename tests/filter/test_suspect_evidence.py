@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from insgnss.config.library import imu_grade
 from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.hindsight import Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, WIDEST
 from insgnss.filter.diagnosis.past import EpochRange, in_one_piece
-from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELLITES
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELLITES, with_fault
 from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
 from insgnss.filter.diagnosis.witnesses import KindColumns, least_nis
 from insgnss.filter.layout import Layout
-from insgnss.filter.state import BA, new_bank
+from insgnss.filter.state import BA, DV, new_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.scene import new_filter, place, rows_of
@@ -62,6 +65,24 @@ def test_prior_that_is_far_too_wide_costs_little(jump: float, price: float) -> N
 
     known = gaussian(y, np.outer(H[:, 1], H[:, 1]) * (jump * SIGMA) ** 2 + 0.09 * np.eye(30))
     assert known - price < of(2000.0 * SIGMA) < known + 1.0
+
+
+def test_force_that_jumps_after_the_bank_has_not_yet_changed_the_velocity() -> None:
+    """The filter with the bias from the bank on takes b t too much from the velocity: dv = C b t, drawn many times."""
+    bank = new_bank(1, 0)
+    C = bank.state[0].C_eb
+    C[:] = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    widths, later_s = np.array([3.0, 0.1, 1.0]), 0.8
+    setup: Any = SimpleNamespace(grade=imu_grade("industrial"))
+    rng = np.random.default_rng(8)
+    b, t = widths * rng.normal(size=(400_000, 3)), rng.uniform(0.0, later_s, (400_000, 1))
+    expected = np.cov(np.hstack([t * b @ C.T, b]).T)
+
+    P = with_fault(bank, setup, ACCELEROMETER, widths, later_s=later_s).P[0]
+
+    at = [DV, DV + 1, DV + 2, BA, BA + 1, BA + 2]
+    np.testing.assert_allclose((P - bank.P[0])[np.ix_(at, at)], expected, atol=0.01 * 9.0)
+    np.testing.assert_allclose(P.T, P, rtol=1e-12)
 
 
 def test_wandering_clock_is_one_event_and_not_one_of_each_row() -> None:

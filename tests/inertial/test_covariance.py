@@ -284,3 +284,26 @@ def test_known_biases_are_taken_out_of_both_samples_of_an_interval(
     # rounding of 50 m/s^2 and 1 rad/s for a minute; a bias left in one of the two samples makes 1 m
     assert biased.state[0].r_e == pytest.approx(clean.state[0].r_e, abs=1e-6)
     assert biased.state[0].C_eb == pytest.approx(clean.state[0].C_eb, abs=1e-12)
+
+
+@pytest.mark.parametrize(("failed", "kept"), [((1, 0), (BA, BA + 1, BA + 2)), ((0, 1), (BG, BG + 1, BG + 2))])
+def test_biases_of_a_sensor_that_has_failed_do_not_return_to_zero(
+    one_minute_of_turns: tuple[np.ndarray, ...], failed: tuple[int, int], kept: tuple[int, ...]
+) -> None:
+    """They are those of a sensor with the same density and an endless correlation time, to the bit."""
+    t_ns, w, f, *start = one_minute_of_turns
+    par = parameters(TACTICAL)
+    endless = {"accel_bias_time": np.inf} if failed[0] else {"gyro_bias_time": np.inf}
+    gone, other = bank_at(*start, SIGMA), bank_at(*start, SIGMA)
+    for bank in (gone, other):
+        bank.state[0].b_a[:], bank.state[0].b_g[:] = [0.5, -0.3, 0.2], [0.02, 0.01, -0.03]
+    gone.state[0].failed[:] = failed
+    before = np.concatenate([gone.state[0].b_a, gone.state[0].b_g])
+
+    over((t_ns, w, f), par, gone)
+    over((t_ns, w, f), parameters(TACTICAL, **endless), other)
+
+    after = np.concatenate([gone.state[0].b_a, gone.state[0].b_g])
+    assert set(np.flatnonzero(after == before) + BA) == set(kept)
+    np.testing.assert_array_equal(gone.P, other.P)
+    np.testing.assert_array_equal(gone.state[0].r_e, other.state[0].r_e)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from insgnss.antenna.equipment import limits_of
 from insgnss.config.filter import FilterConfig, Visibility
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.headings import heading_variance, turn_about
 from insgnss.filter.headings.motion import velocity_changed
 from insgnss.filter.headings.sideslip import note_sideslip
@@ -50,7 +50,7 @@ from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, RANGE_RATE, GnssRows, prepare_rows
@@ -271,6 +271,8 @@ def corrected_tilt() -> list[Any]:
     m.f_last[:] = 0.4, -0.2, -9.8
     root = np.sqrt(made.P[0]) @ (np.eye(n) + 0.1 * np.cos(np.arange(n * n)).reshape(n, n))
     P, correction = root @ root.T, 0.1 * np.sin(np.arange(n))
+    up = np.array(up_direction(m.r_e))
+    correction[PSI : PSI + 3] = np.cross(up, m.C_eb @ correction[BA : BA + 3]) / STANDARD_GRAVITY_MPS2
     turn_force_errors(m, P, par[0], correction)
     return [P, correction]
 

@@ -6,6 +6,7 @@ satellites that may run away; with time tags that are off. Its likelihood says h
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
@@ -71,6 +72,7 @@ _TOGETHER: Final = {
 }
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
+_APART_S: Final = 1.0  # from an onset to the next
 _YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
@@ -90,6 +92,7 @@ class Verdict(NamedTuple):
     rates_mps: tuple[float, ...] = ()  # at which these run away
     size: float = 0.0  # of the time tags' error [s]
     onset_ns: int = 0  # of a sensor's fault
+    later_s: float = 0.0  # by which it may be at most
     axes: tuple[int, ...] = ()  # of the sensor
     moved: tuple[float, ...] = ()  # (3,) by which its biases jumped [rad/s] or [m/s^2]
 
@@ -155,7 +158,7 @@ class Hindsight:
         found: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
 
-        def look(onsets_ns: Iterable[int]) -> None:
+        def look(onsets_ns: Iterable[int], later_s: float) -> None:
             for onset_ns in onsets_ns:
                 bank = self.at(onset_ns)
                 if bank is None or _now_ns(bank) in tried:
@@ -163,17 +166,21 @@ class Hindsight:
                 onset_ns = _now_ns(bank)
                 tried.add(onset_ns)
                 largest = self.largest_jumps(onset_ns)
-                verdict = self.from_onset(suspect, bank, widths or largest)
+                verdict = self.from_onset(suspect, bank, widths or largest, later_s)
                 if verdict is not None:
                     fits = verdict.fits and self.plausible(verdict.bank, largest)
-                    found[onset_ns] = self.of_axes(verdict._replace(fits=fits, onset_ns=onset_ns), largest)
+                    verdict = verdict._replace(fits=fits, onset_ns=onset_ns, later_s=later_s)
+                    found[onset_ns] = self.of_axes(verdict, largest)
 
         onsets_ns = [_now_ns(bank) for bank in self.before[:-1]]
         young_ns = self.end_ns - _YOUNG_S * NS_PER_S
-        look((*onsets_ns[::2], *(t_ns for t_ns in onsets_ns if t_ns > young_ns)))
+        look((t_ns for t_ns in onsets_ns if t_ns > young_ns), _APART_S)
+        look(onsets_ns[::2], 0.0)
         for _ in range(_HALVINGS):
             if found:
-                look(_halfway(max(found, key=lambda t: found[t][0].log_likelihood), sorted(tried)))
+                best_ns = max(found, key=lambda t: found[t][0].log_likelihood)
+                for onset_ns in _halfway(best_ns, sorted(tried)):
+                    look((onset_ns,), min(abs(onset_ns - best_ns) / NS_PER_S, _APART_S))
         return [verdict for verdicts in found.values() for verdict in verdicts]
 
     def largest_jumps(self, onset_ns: int) -> Widths:
@@ -185,13 +192,19 @@ class Hindsight:
             sensor: np.full(3, largest_jump(sensor, self.setup, since_s)) for sensor in (ACCELEROMETER, GYRO)
         }
 
-    def from_onset(self, suspect: str, bank: Bank, widths: Widths) -> Verdict | None:
-        """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
+    def from_onset(self, suspect: str, bank: Bank, widths: Widths, later_s: float) -> Verdict | None:
+        """Return the result for a fault that begins with ``bank``: the mean over what else is unknown of it.
+
+        Of noise this is its rise. A force has jumped with the bank, or up to ``later_s`` after it.
+        """
         each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
-        for risen2 in NOISE2 if suspect == NOISE else (1.0,):
+        parts = _TOGETHER.get(suspect, (suspect,))
+        rises = NOISE2 if suspect == NOISE else (1.0,)
+        delays_s = (0.0, later_s) if ACCELEROMETER in parts and later_s > 0.0 else (0.0,)
+        for risen2, delay_s in itertools.product(rises, delays_s):
             faulty = bank
-            for part in _TOGETHER.get(suspect, (suspect,)):
-                faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, risen2)
+            for part in parts:
+                faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, delay_s, risen2)
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is not None:
                 each.append(verdict)
@@ -222,7 +235,8 @@ class Hindsight:
         if np.array_equal(widths, self.largest_jumps(verdict.onset_ns)[verdict.suspect]):
             return verdict
         bank = self.at(verdict.onset_ns)
-        again = None if bank is None else self.from_onset(verdict.suspect, bank, {verdict.suspect: widths})
+        known = {verdict.suspect: widths}
+        again = None if bank is None else self.from_onset(verdict.suspect, bank, known, verdict.later_s)
         return verdict if again is None else verdict._replace(bank=again.bank)
 
     def at(self, t_ns: int) -> Bank | None:

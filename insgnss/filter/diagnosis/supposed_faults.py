@@ -11,7 +11,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.state import BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
 from insgnss.filter.update.lasting_errors import epochs_of_an_error
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
 from insgnss.status import DRIFTING, USED
@@ -44,14 +44,16 @@ def with_fault(
     suspect: str,
     widths: Float64 | None = None,
     earlier: bool = False,
+    later_s: float = 0.0,
     risen2: float = 1.0,
 ) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown.
+    """Return a copy of a filter to which the biases of a sensor are unknown, and stay what they are then found to be.
 
     Their jumps have the sigmas ``widths`` (3,) [rad/s] or [m/s^2]. After a lapse these are the states that the wrong
     readings changed: attitude, velocity and position; of noise, its level, ``risen2`` times. On a straight a gyro fault
     does not show. If it may be ``earlier`` than the bank, it has turned the attitude by psi = -C b t, with t uniform up
-    to 90 s.
+    to 90 s. A force that jumped up to ``later_s`` after the bank is taken from the velocity too early: dv = C b t.
+    Neglects: by what the position differs then.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
@@ -71,10 +73,16 @@ def with_fault(
         return found
     at = bias_of(suspect, setup)[0]
     assert widths is not None
+    found.state["failed"][:, (ACCELEROMETER, GYRO).index(suspect)] = 1
     variance = np.diag(widths**2)
     found.P[0, at : at + 3, at : at + 3] += variance
+    C = found.state[0].C_eb
+    if suspect == ACCELEROMETER:
+        kept = later_s / 2.0 * C @ variance
+        found.P[0, DV : DV + 3, BA : BA + 3] += kept
+        found.P[0, BA : BA + 3, DV : DV + 3] += kept.T
+        found.P[0, DV : DV + 3, DV : DV + 3] += later_s**2 / 3.0 * C @ variance @ C.T
     if suspect == GYRO and earlier:
-        C = found.state[0].C_eb
         turned = EARLIEST_S / 2.0 * C @ variance
         found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
         found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T

@@ -290,9 +290,10 @@ def _carry_sensor_errors(
     further = layout.sensor_states
     errors = [*range(BA, BG + 3), *further]
     keep, grown = np.ones(len(errors)), np.zeros(len(errors))
-    keep[:6] = np.repeat(
-        [math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3
-    )
+    m.failed[:] = old.failed
+    times_s = par.accel_bias_time, par.gyro_bias_time
+    left = [1.0 if gone else math.exp(-seconds / t_s) for gone, t_s in zip(old.failed, times_s, strict=True)]
+    keep[:6] = np.repeat(left, 3)
     grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
     cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g

@@ -134,10 +134,12 @@ def turn_force_errors(m: StateRecord, P: Float64, par: Parameters, correction: F
     An error of an accelerometer and the tilt that it has caused go together: the measurements show their difference
     alone. What corrects the one corrects the other, with the tilt the body's axes turn, and an error that stayed in
     them would get a share of the vertical, which is measured. So each such step would seem to show a little of the
-    error. A tilt that the gyros' errors have made, and that is corrected, turns the axes back to where they were.
+    error. A tilt that the gyros' errors have made, and that is corrected, turns the axes back to where they were. Nor
+    do they turn with an error that has made no tilt: one that has just begun.
 
-    Equation: e = b_a + the further errors of force, C_eb e = const while C_eb <- exp([t x]) C_eb, t = u x C_eb de / g:
-              e' = exp(-[s x]) e in covariance and correction, s = C_eb^T t, u the vertical
+    Equation: e = b_a + the further errors of force, C_eb e = const while C_eb <- exp([t x]) C_eb: e' = exp(-[s x]) e in
+              covariance and correction, s = C_eb^T t; t is u x C_eb de / g, u the vertical, as far as the tilt's
+              correction goes along it
 
     Parameters
     ----------
@@ -148,8 +150,10 @@ def turn_force_errors(m: StateRecord, P: Float64, par: Parameters, correction: F
     up = rotate_back(m.C_eb, up_direction(m.r_e))
     s = cross(up, (correction[BA], correction[BA + 1], correction[BA + 2]))
     length = math.sqrt(dot(s, s))
-    angle = length / STANDARD_GRAVITY_MPS2
     add_further_errors(m, par, DV, correction, -1.0)
+    tilt = rotate_back(m.C_eb, (correction[PSI], correction[PSI + 1], correction[PSI + 2]))
+    # s is level, so what the heading turns by does not count
+    angle = min(dot(s, tilt) / length, length / STANDARD_GRAVITY_MPS2) if length > 0.0 else 0.0
     if not angle >= _NO_TURN:
         return
     axis = s[0] / length, s[1] / length, s[2] / length
