@@ -18,7 +18,7 @@ from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELL
 from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
 from insgnss.filter.diagnosis.witnesses import KindColumns, least_nis
 from insgnss.filter.layout import Layout
-from insgnss.filter.state import BA, DV, new_bank
+from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, new_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.scene import new_filter, place, rows_of
@@ -67,21 +67,34 @@ def test_prior_that_is_far_too_wide_costs_little(jump: float, price: float) -> N
     assert known - price < of(2000.0 * SIGMA) < known + 1.0
 
 
-def test_force_that_jumps_after_the_bank_has_not_yet_changed_the_velocity() -> None:
-    """The filter with the bias from the bank on takes b t too much from the velocity: dv = C b t, drawn many times."""
+@pytest.mark.parametrize(
+    ("sensor", "state", "earlier", "span_s"),
+    [
+        (ACCELEROMETER, DV, False, (0.0, 0.8)),
+        (ACCELEROMETER, DV, True, (0.0, 0.8)),
+        (GYRO, PSI, False, (0.0, 0.8)),
+        (GYRO, PSI, True, (-90.0, 0.0)),
+    ],
+)
+def test_jump_that_is_not_at_the_bank_has_moved_what_the_sensor_moves(
+    sensor: str, state: int, earlier: bool, span_s: tuple[float, float]
+) -> None:
+    """A bias taken from the bank on is taken for t too long, or too short: C b t, drawn many times."""
     bank = new_bank(1, 0)
     C = bank.state[0].C_eb
     C[:] = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
-    widths, later_s = np.array([3.0, 0.1, 1.0]), 0.8
+    widths = np.array([3.0, 0.1, 1.0])
     setup: Any = SimpleNamespace(grade=imu_grade("industrial"))
     rng = np.random.default_rng(8)
-    b, t = widths * rng.normal(size=(400_000, 3)), rng.uniform(0.0, later_s, (400_000, 1))
-    expected = np.cov(np.hstack([t * b @ C.T, b]).T)
+    b, t = widths * rng.normal(size=(400_000, 3)), rng.uniform(*span_s, (400_000, 1))
+    drawn = np.hstack([t * b @ C.T, b])
+    expected = drawn.T @ drawn / len(drawn)
 
-    P = with_fault(bank, setup, ACCELEROMETER, widths, later_s=later_s).P[0]
+    P = with_fault(bank, setup, sensor, widths, earlier, later_s=0.8).P[0]
 
-    at = [DV, DV + 1, DV + 2, BA, BA + 1, BA + 2]
-    np.testing.assert_allclose((P - bank.P[0])[np.ix_(at, at)], expected, atol=0.01 * 9.0)
+    at = [*range(state, state + 3), *range(BA if sensor == ACCELEROMETER else BG, OFFSETS)][:6]
+    scale = np.sqrt(np.diag(expected).max() * np.array([*[np.diag(expected).max()] * 3, *[9.0] * 3]))
+    np.testing.assert_allclose((P - bank.P[0])[np.ix_(at, at)] / scale, expected / scale, atol=0.01)
     np.testing.assert_allclose(P.T, P, rtol=1e-12)
 
 

@@ -6,7 +6,6 @@ satellites that may run away; with time tags that are off. Its likelihood says h
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
@@ -73,6 +72,7 @@ _TOGETHER: Final = {
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
 _APART_S: Final = 1.0  # from an onset to the next
+_RARER: Final = math.log(1e4)  # so much likelier is a jump between two than at one that is told
 _YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
@@ -151,9 +151,23 @@ class Hindsight:
     def sensor(self, suspect: str, widths: Widths | None = None) -> list[Verdict]:
         """Return the results for a sensor's fault at many onsets, then refined around the best of these.
 
+        A bias may have jumped between those that were tried. That takes what has moved by then for unknown, which
+        explains much: it must be far likelier. Without a fault it is not tried. ``widths`` of the jumps: by default the
+        largest.
+        """
+        found = self._over_onsets(suspect, widths, 0.0)
+        best = max(map(_log_likelihood, found), default=-math.inf)
+        jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_TOGETHER.get(suspect, (suspect,)))
+        if not jumps or best < self.as_it_was + _RARER:
+            return found
+        between = self._over_onsets(suspect, widths, _APART_S)
+        return between if max(map(_log_likelihood, between), default=best) > best + _RARER else found
+
+    def _over_onsets(self, suspect: str, widths: Widths | None, later_s: float) -> list[Verdict]:
+        """Return the results for a fault up to ``later_s`` after each onset; the distance to the next if that is less.
+
         Of the older ones every other is tried. A force that jumps shows at once: an onset that is some seconds wrong
-        costs an accelerometer more likelihood than a gyro, whose fault shows with the square of time. ``widths`` of the
-        jumps: by default the largest.
+        costs an accelerometer more likelihood than a gyro, whose fault shows with the square of time.
         """
         found: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
@@ -174,13 +188,12 @@ class Hindsight:
 
         onsets_ns = [_now_ns(bank) for bank in self.before[:-1]]
         young_ns = self.end_ns - _YOUNG_S * NS_PER_S
-        look((t_ns for t_ns in onsets_ns if t_ns > young_ns), _APART_S)
-        look(onsets_ns[::2], 0.0)
+        look((*onsets_ns[::2], *(t_ns for t_ns in onsets_ns if t_ns > young_ns)), later_s)
         for _ in range(_HALVINGS):
             if found:
                 best_ns = max(found, key=lambda t: found[t][0].log_likelihood)
                 for onset_ns in _halfway(best_ns, sorted(tried)):
-                    look((onset_ns,), min(abs(onset_ns - best_ns) / NS_PER_S, _APART_S))
+                    look((onset_ns,), min(abs(onset_ns - best_ns) / NS_PER_S, later_s))
         return [verdict for verdicts in found.values() for verdict in verdicts]
 
     def largest_jumps(self, onset_ns: int) -> Widths:
@@ -193,18 +206,12 @@ class Hindsight:
         }
 
     def from_onset(self, suspect: str, bank: Bank, widths: Widths, later_s: float) -> Verdict | None:
-        """Return the result for a fault that begins with ``bank``: the mean over what else is unknown of it.
-
-        Of noise this is its rise. A force has jumped with the bank, or up to ``later_s`` after it.
-        """
+        """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
         each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
-        parts = _TOGETHER.get(suspect, (suspect,))
-        rises = NOISE2 if suspect == NOISE else (1.0,)
-        delays_s = (0.0, later_s) if ACCELEROMETER in parts and later_s > 0.0 else (0.0,)
-        for risen2, delay_s in itertools.product(rises, delays_s):
+        for risen2 in NOISE2 if suspect == NOISE else (1.0,):
             faulty = bank
-            for part in parts:
-                faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, delay_s, risen2)
+            for part in _TOGETHER.get(suspect, (suspect,)):
+                faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, later_s, risen2)
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is not None:
                 each.append(verdict)
@@ -374,6 +381,10 @@ class Hindsight:
 
 def _now_ns(bank: Bank) -> int:
     return int(bank.head[0].now_ns)
+
+
+def _log_likelihood(verdict: Verdict) -> float:
+    return verdict.log_likelihood
 
 
 def _halfway(best_ns: int, tried_ns: list[int]) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.filter.state import DR, DV, PSI, Bank, copy_bank
 from insgnss.filter.update.lasting_errors import epochs_of_an_error
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
 from insgnss.status import DRIFTING, USED
@@ -50,10 +50,11 @@ def with_fault(
     """Return a copy of a filter to which the biases of a sensor are unknown, and stay what they are then found to be.
 
     Their jumps have the sigmas ``widths`` (3,) [rad/s] or [m/s^2]. After a lapse these are the states that the wrong
-    readings changed: attitude, velocity and position; of noise, its level, ``risen2`` times. On a straight a gyro fault
-    does not show. If it may be ``earlier`` than the bank, it has turned the attitude by psi = -C b t, with t uniform up
-    to 90 s. A force that jumped up to ``later_s`` after the bank is taken from the velocity too early: dv = C b t.
-    Neglects: by what the position differs then.
+    readings changed: attitude, velocity and position; of noise, its level, ``risen2`` times.
+
+    The jump need not be at the bank: up to ``later_s`` after it, or, of a gyro, up to 90 s ``earlier``, as it does not
+    show on a straight. Velocity or attitude differ by C b t then, t uniform in between. Neglects: by what the position
+    does.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
@@ -71,22 +72,18 @@ def with_fault(
                 [1.0, moved_s], [1.0, moved_s]
             )
         return found
-    at = bias_of(suspect, setup)[0]
+    at, moved = bias_of(suspect, setup)[0], {ACCELEROMETER: DV, GYRO: PSI}[suspect]
     assert widths is not None
     found.state["failed"][:, (ACCELEROMETER, GYRO).index(suspect)] = 1
     variance = np.diag(widths**2)
-    found.P[0, at : at + 3, at : at + 3] += variance
+    low_s, high_s = (-EARLIEST_S, 0.0) if earlier and suspect == GYRO else (0.0, later_s)
     C = found.state[0].C_eb
-    if suspect == ACCELEROMETER:
-        kept = later_s / 2.0 * C @ variance
-        found.P[0, DV : DV + 3, BA : BA + 3] += kept
-        found.P[0, BA : BA + 3, DV : DV + 3] += kept.T
-        found.P[0, DV : DV + 3, DV : DV + 3] += later_s**2 / 3.0 * C @ variance @ C.T
-    if suspect == GYRO and earlier:
-        turned = EARLIEST_S / 2.0 * C @ variance
-        found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
-        found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
-        found.P[0, PSI : PSI + 3, PSI : PSI + 3] += EARLIEST_S**2 / 3.0 * C @ variance @ C.T
+    shared = 0.5 * (low_s + high_s) * C @ variance
+    b, x = slice(at, at + 3), slice(moved, moved + 3)
+    found.P[0, b, b] += variance
+    found.P[0, x, b] += shared
+    found.P[0, b, x] += shared.T
+    found.P[0, x, x] += (low_s**2 + low_s * high_s + high_s**2) / 3.0 * C @ variance @ C.T
     return found
 
 
