@@ -129,11 +129,13 @@ def test_killed_worker_and_killed_client_cost_nothing_but_time(tmp_path: Path) -
     client.communicate()
     found = finished()
     assert 3 <= found < 30, "the client was to be killed midway"
-    again = command(file, out, 2)
-    output, errors = again.communicate(timeout=120)
+    # the rest in this process: new workers would load the package once more
+    again = CliRunner().invoke(app, ["campaign", str(file), "-o", str(out), "--workers", "0"])
 
-    assert again.returncode == 0, errors.decode()
-    assert f"{found} of 30 tasks were there" in output.decode() or finished() == 30
+    assert again.exit_code == 0, again.output
+    # a worker may have ended its task after the count
+    told = re.search(r"(\d+) of 30 tasks were there", again.output)
+    assert told and found <= int(told[1]) < 30
     run_campaign(config, serial, workers=0)
     assert {n: d for n, d in files(out).items() if n[0] != "."} == files(serial)
 
@@ -163,15 +165,15 @@ def test_without_dask_processes_of_this_machine_give_the_bytes_of_one_process(
 def test_without_dask_a_task_that_kills_its_process_is_lost_and_no_other_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The first task dies while the second waits in the same process."""
     monkeypatch.setattr(cluster, "is_installed", lambda: False)
-    config = campaign(seeds=6, dies_at=3)
-    done = run_campaign(config, tmp_path, workers=2)
+    config = campaign(seeds=4, dies_at=1).model_copy(update={"grid": {"salt": (1,)}})
+    done = run_campaign(config, tmp_path, workers=1)
 
-    fatal = {task.key for task in tasks_of(config, tmp_path) if 3 in task.seeds}
-    assert set(done.lost) == fatal
-    assert done.n_runs == config.n_runs - sum(
-        len(task.seeds) for task in tasks_of(config, tmp_path) if task.key in fatal
-    )
+    first, second = tasks_of(config, tmp_path)
+    assert done.lost == (first.key,)
+    assert done.n_runs == len(second.seeds) == 2
+    assert list(files(tmp_path)) == [second.path.name]
 
 
 def test_scheduler_without_dask_is_an_error_that_says_what_to_install(
@@ -235,8 +237,8 @@ def test_summary_groups_by_columns_and_refuses_unknown_ones(tmp_path: Path) -> N
         summary(tmp_path, columns=["wrong"])
 
 
-@pytest.mark.slow
-def test_matched_flights_on_two_workers_give_the_bytes_of_one_process(tmp_path: Path) -> None:
+def test_matched_flights_give_a_row_for_each_epoch_looked_at(tmp_path: Path) -> None:
+    """That two workers give the bytes of one process is asserted in ``notebooks/11_campaign_on_dask.py``."""
     config = CampaignConfig(
         name="grades",
         case="matched",
@@ -245,11 +247,9 @@ def test_matched_flights_on_two_workers_give_the_bytes_of_one_process(tmp_path: 
         fixed={"duration_s": 40.0},
         grid={"imu": ("tactical", "industrial")},
     )
-    run_campaign(config, tmp_path / "two", workers=2)
-    run_campaign(config, tmp_path / "one", workers=0)
+    run_campaign(config, tmp_path, workers=0)
 
-    assert files(tmp_path / "one") == files(tmp_path / "two")
-    found = table(tmp_path / "one")
+    found = table(tmp_path)
     assert len(found) == 2 * 4 * 6
     assert (found["nees_whole"] > 1.0).all()
 
