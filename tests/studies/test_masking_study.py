@@ -20,7 +20,8 @@ from tests.statistics_bounds import mean_chi_square_bounds
 
 RUNS = 2
 FLIGHTS = 24  # of the two cases with the stage
-ENDED_S = 110.0  # every satellite is back and tracked, and what the flights are looked at for is over
+FROM_S, UNTIL_S = 35.0, 55.0  # the outage of those: as long as the scenario's, 45 s earlier
+ENDED_S = 56.0  # what they are looked at for is over
 GUARDS = scenario_config("sokolov_2015").search.guards
 TICK_S = 1.0 / scenario_config("sokolov_2015").channels.supervisor_rate_hz
 SWEEP_S = 3.163
@@ -30,6 +31,11 @@ HONEST_SIGMAS = 5.0  # of the distance from the truth: one in 10^5 for the short
 @cache
 def study() -> MaskingStudy:
     return masking_study(runs=RUNS)
+
+
+@cache
+def study_without_fault_tests() -> MaskingStudy:
+    return masking_study(runs=1, fault_tests=False)
 
 
 def of(table: pd.DataFrame, case: str) -> pd.DataFrame:
@@ -92,7 +98,7 @@ def test_masked_flight_stays_within_the_filters_own_sigma(case: str) -> None:
 
 
 def test_without_fault_tests_the_unmasked_flight_leaves_the_filters_own_sigma() -> None:
-    errors = of(masking_study(runs=1, fault_tests=False).errors, "a")
+    errors = of(study_without_fault_tests().errors, "a")
 
     assert (errors["error_m"] / errors["sd_m"]).max() > HONEST_SIGMAS
 
@@ -143,7 +149,7 @@ def test_same_seed_gives_the_same_tables_and_another_seed_others() -> None:
 
 
 def test_filter_without_fault_tests_believes_what_no_mask_refuses() -> None:
-    plain = masking_study(runs=1, fault_tests=False)
+    plain = study_without_fault_tests()
 
     # second looks at the last minute are tests, too
     assert not without_fault_tests(filter_of(scenario_config("sokolov_2015"))).health.recovery
@@ -189,7 +195,8 @@ def test_wrong_requests_are_told() -> None:
 def test_error_at_the_end_of_the_outage_is_what_the_covariance_says_over_many_flights() -> None:
     whole = scenario_config("sokolov_2015")
     shorter = whole.flight.model_copy(update={"duration_s": ENDED_S})
-    scenario = whole.model_copy(update={"flight": shorter})
+    earlier = whole.outage.model_copy(update={"from_s": FROM_S, "until_s": UNTIL_S})
+    scenario = whole.model_copy(update={"flight": shorter, "outage": earlier})
     flight = BankedFlight.of(scenario, scenario.equipment.imu, scenario.equipment.oscillator)
     masked = [case for case in CASES if case.stage]
     flown = [
@@ -200,10 +207,10 @@ def test_error_at_the_end_of_the_outage_is_what_the_covariance_says_over_many_fl
     rms = []
     for case in range(len(masked)):
         errors = pd.concat([results[case].errors for results in flown])
-        end = errors[errors["time_s"] == 100.0]
+        end = errors[errors["time_s"] == UNTIL_S]
         # one axis carries most of the variance while five satellites are gone: one degree of freedom each
         low, high = mean_chi_square_bounds(1, len(end))
         assert low <= float(np.mean((end["error_m"] / end["sd_m"]) ** 2)) <= high
-        rms.append(np.sqrt(np.mean(errors.loc[errors["time_s"].between(80.0, 100.0), "error_m"] ** 2)))
+        rms.append(np.sqrt(np.mean(errors.loc[errors["time_s"].between(FROM_S, UNTIL_S), "error_m"] ** 2)))
     # the same five are hidden with the same rows left: what supervision gains is not in the position
     assert rms[1] == pytest.approx(rms[0], rel=0.1)
