@@ -18,7 +18,8 @@ from insgnss.studies.matched_flight import (
 )
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
 
-RUNS = 60  # a sigma wrong by 1.6 is found with as many, see the noisier measurements below
+RUNS = 60
+FEW_RUNS = 30  # already with as many a sigma wrong by 1.6 is found
 DURATION_S = 60.0
 GRADES = ["navigation", "tactical", "industrial"]
 
@@ -29,8 +30,8 @@ def flown(imu: str, noise_factor: float = 1.0) -> MatchedFlight:
 
 
 @cache
-def drawn(imu: str, noise_factor: float = 1.0) -> MonteCarlo:
-    return monte_carlo(flown(imu, noise_factor), RUNS, seed=5)
+def drawn(imu: str) -> MonteCarlo:
+    return monte_carlo(flown(imu), RUNS, seed=5)
 
 
 def beyond_variance_bounds(flight: MatchedFlight, found: MonteCarlo) -> int:
@@ -58,7 +59,10 @@ def test_covariance_of_one_run_holds_in_scenarios_of_the_library(scenario: str) 
 
 
 def test_covariance_of_a_run_does_not_hold_for_noisier_measurements() -> None:
-    assert beyond_variance_bounds(flown("tactical"), drawn("tactical", 1.6)) > 10
+    """Rows that the gates refuse make the filter look back, so that these runs take longest."""
+    noisier = monte_carlo(flown("tactical", 1.6), FEW_RUNS, seed=5)
+
+    assert beyond_variance_bounds(flown("tactical"), noisier) > 10
 
 
 def test_covariance_of_one_run_is_the_filters_own_in_each_run() -> None:
