@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FLIGHT_S = 4  # the filter starts after two of them
+FLIGHT_S = 3  # the filter starts after two of them
 # what an installation without extras must not bring: a library of each extra, and of the tests
 NOT_WANTED = (
     "coverage",

@@ -105,12 +105,12 @@ def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
 
 def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
     path = tmp_path / "a.iq"
-    record_samples(flown(), path, 0.0, 3.2, QUICK, seed=5)
+    record_samples(flown(), path, 0.0, 2.2, QUICK, seed=5)
     both = [
         sample_receiver(
             flown(),
             losses_db=(0.0,),
-            duration_s=3.2,
+            duration_s=2.2,
             settings=QUICK,
             seed=5,
             recording=source,
@@ -121,7 +121,7 @@ def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
     for name in ("epochs", "channels"):
         pd.testing.assert_frame_equal(getattr(both[0], name), getattr(both[1], name))
     with pytest.raises(ConfigError, match="one recording for 2 losses"):
-        sample_receiver(flown(), duration_s=3.2, settings=QUICK, recording=path)
+        sample_receiver(flown(), duration_s=2.2, settings=QUICK, recording=path)
 
 
 def test_satellites_that_come_back_are_found_in_the_supervisors_window(tmp_path: Path) -> None:
