@@ -22,7 +22,7 @@ from insgnss.runs.gnss_rows import corrected_rows
 from insgnss.runs.setup import setup_filter
 from tests.benchmarks.long_log import LongLog, write_log
 
-EPOCHS_A_LOOK = 200
+EPOCHS_A_LOOK = 600  # a minute: what one look judges, no other judges again
 FIRST_LOOK = 700  # the oldest filter of the past is a minute old then
 CHANCE = 1e-3  # of a failure where all is well, over all looks
 SEEDS = (21, 22, 23)
@@ -51,7 +51,7 @@ def looks_on(seed: int, tmp_path_factory: pytest.TempPathFactory) -> list[list[E
         again = Hindsight(past, setup, imu, navigator.parameters, span)
         found.append(explanations(every_fault(again), again.as_it_was))
         begin = end
-    assert len(found) >= 4
+    assert len(found) == 2
     return found
 
 
