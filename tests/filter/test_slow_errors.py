@@ -65,16 +65,15 @@ def total(slow: SlowErrors) -> np.ndarray:
 
 def joint_step(joint: np.ndarray, h: np.ndarray, gain: np.ndarray, load: np.ndarray) -> np.ndarray:
     """Return the joint covariance (N + MAX_SLOW) of e and b after e <- e + K (a b - h e)."""
-    A = np.eye(N + MAX_SLOW)
-    A[:N, :N] -= np.outer(gain, h)
-    A[:N, N:] += np.outer(gain, load)
-    return np.asarray(A @ joint @ A.T)
+    of_rows, moved = joint[:N].T @ -h + joint[N:].T @ load, np.r_[gain, np.zeros(MAX_SLOW)]
+    both = np.outer(moved, of_rows + 0.5 * (of_rows[N:] @ load - of_rows[:N] @ h) * moved)
+    return np.asarray(joint + both + both.T)
 
 
 def joint_fade(joint: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Return it after the errors have changed as Gauss-Markov processes of unit variance."""
-    A = np.diag(np.r_[np.ones(N), f])
-    return np.asarray(A @ joint @ A.T + np.diag(np.r_[np.zeros(N), 1.0 - f**2]))
+    kept = np.r_[np.ones(N), f]
+    return np.asarray(kept[:, None] * joint * kept + np.diag(np.r_[np.zeros(N), 1.0 - f**2]))
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from tests.statistics_bounds import share_below_bounds
 
 # a filter whose sizes are changed uses its own, not the flight's, in which nothing lasts
 OF_A_SKY = {"slow_errors.satellite_m": {"G": 0.6}}
-# gates and tests that would take a fault away before it moves the solution
+# gates, tests and recovery that would take a fault away before it moves the solution
 OPEN = {
     "gates.pseudorange_sigma": 1000.0,
     "gates.range_rate_sigma": 1000.0,
@@ -30,6 +30,7 @@ OPEN = {
     "adaptation.rate_memory_s": 0.0,
     "faults.weights": "gate",
     "adaptation.on": False,
+    "health.recovery": False,
 }
 
 
