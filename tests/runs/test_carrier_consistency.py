@@ -161,7 +161,7 @@ def runs() -> CarrierRuns:
 
 @pytest.fixture(scope="module")
 def without() -> CarrierRuns:
-    return runs_of(simulated(), setup(carrier=False), RUNS)
+    return runs_of(simulated(), setup(carrier=False), FEWER_RUNS)
 
 
 @pytest.mark.parametrize("block", BLOCKS)

@@ -63,11 +63,14 @@ def compiled_with(kernels: Iterable[Any]) -> set[str]:
 
 
 def test_commands_load_what_the_list_has_compiled_and_nothing_else() -> None:
-    python("-c", LOADED, str(SAMPLE), folder=PACKAGE.parent)  # fills the cache where it is empty
-    loaded = set(python("-c", LOADED, str(SAMPLE), folder=PACKAGE.parent).splitlines())
+    known = compiled_with(kernel_list.calls())
+    for _ in range(2):  # the first one fills the cache where it is empty, and knows more than what it loads
+        loaded = set(python("-c", LOADED, str(SAMPLE), folder=PACKAGE.parent).splitlines())
+        if loaded <= known:
+            break
 
     assert len(loaded) > 20
-    assert sorted(loaded - compiled_with(kernel_list.calls())) == []
+    assert sorted(loaded - known) == []
 
 
 def test_listed_kernels_have_the_types_that_the_commands_need() -> None:
