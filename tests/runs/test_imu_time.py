@@ -22,9 +22,8 @@ from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_boun
 
 SIGMA_S = 0.02
 SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
-PLAIN = {
-    "health.recovery": False
-}  # else the tags are suspected and the filter is set right, after many looks back
+# else the tags are suspected and the filter is set right, after many looks back
+PLAIN = {"health.recovery": False}
 
 
 def with_late_imu(flown: FlightInMemory, late_s: float) -> FlightInMemory:
