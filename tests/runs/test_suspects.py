@@ -162,6 +162,8 @@ def test_gyro_whose_bias_jumps_by_many_sigmas_of_its_grade_is_named() -> None:
         ("w_ib_b", 0, np.radians(0.15), "gyro x"),
         ("w_ib_b", 1, np.radians(-0.4), "gyro y"),
         ("w_ib_b", 2, np.radians(0.1), "gyro z"),
+        ("w_ib_b", 0, np.radians(-2.0), "gyro x"),
+        ("w_ib_b", 1, np.radians(2.0), "gyro y"),
         ("f_b", 0, -80.0 * MPS2_PER_MG, "accelerometer x"),
         ("f_b", 2, 120.0 * MPS2_PER_MG, "accelerometer z"),
     ],
