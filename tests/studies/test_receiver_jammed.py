@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +22,7 @@ from insgnss.studies import ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.scene import StudyScene, scene_of
+from insgnss.studies.receiver.tables import ALL_LOST, TRACKED_AGAIN, spans_without_a_channel
 
 OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
 
@@ -93,6 +96,31 @@ def test_channels_come_back_where_the_filter_expects_them() -> None:
     assert (delay**2).mean() < 3.7 and (rate**2).mean() < 3.7  # chi^2 of six over six, 1e-3
 
 
+def test_loss_of_the_last_channel_is_an_event_and_so_is_its_end() -> None:
+    study = flown()
+    lost, found = (study.events[study.events["kind"] == kind] for kind in (ALL_LOST, TRACKED_AGAIN))
+    of_run = study.searches.groupby(["variant", "run"])
+
+    assert lost["time_s"].tolist() == of_run["lost_s"].max().tolist()
+    assert found["time_s"].tolist() == of_run["tracked_s"].min().tolist()
+
+
+def test_no_channel_is_tracked_where_all_spans_overlap() -> None:
+    """Two channels: the first is gone twice, the second once and then loses lock."""
+
+    def spans(lost_s: list[float], *gone: tuple[int, float, float]) -> list[tuple[float, float]]:
+        searches = [SimpleNamespace(channel=c, lost_s=a, tracked_s=b) for c, a, b in gone]
+        run: Any = SimpleNamespace(lost_s=np.array(lost_s), searches=searches)
+        return spans_without_a_channel(run)
+
+    held = never = math.inf
+    assert spans([held, held], (0, 2.0, 5.0), (1, 4.0, 7.0), (0, 6.0, 9.0)) == [(4.0, 5.0), (6.0, 7.0)]
+    assert spans([held, 8.0], (0, 2.0, 5.0), (0, 6.0, 9.0)) == [(8.0, 9.0)]
+    assert spans([3.0, 8.0]) == [(8.0, never)]
+    assert spans([3.0, held], (1, 1.0, 3.0)) == []
+    assert spans([held, held]) == []
+
+
 def test_filter_coasts_and_is_honest() -> None:
     study = flown()
     summary = study.summary.set_index("variant")
@@ -118,6 +146,8 @@ def test_channels_that_never_come_back_are_in_the_table_while_the_filter_coasts(
     assert counts.tolist() == [len(options.azimuth_deg)] * 4 and len(study.searches) == counts.sum()
     assert study.searches["lost_s"].to_numpy() == pytest.approx(6.0)
     assert np.isinf(study.searches[["back_s", "tracked_s"]].to_numpy()).all()
+    assert study.events["time_s"].to_numpy() == pytest.approx(6.0)
+    assert len(study.events) == 4 and set(study.events["kind"]) == {ALL_LOST}
     summary = study.summary.set_index(["variant", "cn0_dbhz"])
     for name in ("optimal", "one_stage"):
         assert summary.loc[(name, 10.0), "lost"] == 0.0

@@ -6,6 +6,7 @@
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
+| events | loss of the last channel, and its end | variant cn0_dbhz run time_s kind |
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
@@ -27,6 +28,7 @@ signal is gone (``lost_s``) and ends when it is tracked again (``tracked_s``) af
 sigmas in delay and Doppler (``sd_delay_m``, ``sd_rate_mps``), how far the truth lay from its middle (``off_m``,
 ``off_mps``), whether that was inside the discriminators' aperture, and how many cells were looked at. A channel whose signal
 is not back at the run's end has a row as well, whose ``back_s`` is inf; ``lost`` does not count it, as its filter coasts.
+``events`` has the kinds ``all_channels_lost`` (the filter goes on by itself) and ``channel_tracked_again``.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
 channel, with the interval that 95 % of such shares span, and that of the linear theory. Of aided channels (aided, two_stage,
 optimal) the linear theory takes a residual INS error of 0.06 m/s^2 over 100 s and 0.1 m/s^2 white at 1 ms for any IMU;
@@ -57,7 +59,7 @@ from insgnss.studies.receiver.jammed_sky import emitters_of
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
-from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
+from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tracking.admissible import require_seed, seeded
@@ -66,7 +68,7 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
-_TABLES: Final = ("summary", "thresholds", "channels", "searches", "epochs")
+_TABLES: Final = ("summary", "thresholds", "channels", "searches", "events", "epochs")
 _OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
 Report = Callable[[int, int], None]
 
@@ -79,6 +81,7 @@ class ReceiverStudy(ResultDisplay):
     thresholds: pd.DataFrame
     channels: pd.DataFrame
     searches: pd.DataFrame
+    events: pd.DataFrame
     epochs: pd.DataFrame
     asked: dict[str, Any]
 
@@ -186,6 +189,7 @@ def receiver_study(
         threshold_table(summary, linear, scene),
         pd.concat([channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
         search_rows(found),
+        event_rows(found),
         pd.concat(
             [
                 epoch_rows(scene.setting, name, level, of, profiles[level])

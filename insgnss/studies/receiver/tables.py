@@ -17,6 +17,8 @@ from insgnss.studies.receiver.variants import Variant
 from insgnss.studies.receiver.workspace import ONE_STAGE
 from insgnss.tables import Bool, Float64
 
+# kinds of events: the filter goes on by itself from the one to the other
+ALL_LOST, TRACKED_AGAIN = "all_channels_lost", "channel_tracked_again"
 _SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
 
 
@@ -121,6 +123,35 @@ def search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.Data
         for row in run.searches
     ]
     return pd.DataFrame(rows, columns=["variant", "cn0_dbhz", "run", *SearchRow._fields])
+
+
+def event_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
+    """Return when no channel was tracked any more in a run, and when one was again."""
+    rows = [
+        {"variant": name, "cn0_dbhz": level, "run": k, "time_s": time_s, "kind": kind}
+        for (name, level), runs in found.items()
+        for k, run in enumerate(runs)
+        for from_s, to_s in spans_without_a_channel(run)
+        for time_s, kind in ((from_s, ALL_LOST), (to_s, TRACKED_AGAIN))
+        if math.isfinite(time_s)
+    ]
+    return pd.DataFrame(rows, columns=["variant", "cn0_dbhz", "run", "time_s", "kind"])
+
+
+def spans_without_a_channel(run: ReceiverRun) -> list[tuple[float, float]]:
+    """Return the spans of time [s] in which no channel of a run was tracked; inf: up to its end.
+
+    A channel that has lost lock stays lost. One whose signal was gone is tracked again when it has been found.
+    """
+    out = [[(float(t_s), math.inf)] if math.isfinite(t_s) else [] for t_s in run.lost_s]
+    for search in run.searches:
+        out[search.channel].append((search.lost_s, search.tracked_s))
+    spans: list[tuple[float, float]] = []
+    for begins_s in sorted({from_s for channel in out for from_s, _ in channel}):
+        ends = [[to_s for from_s, to_s in channel if from_s <= begins_s < to_s] for channel in out]
+        if all(ends) and not (spans and begins_s < spans[-1][1]):
+            spans.append((begins_s, min(max(of_channel) for of_channel in ends)))
+    return spans
 
 
 def epoch_rows(
