@@ -55,7 +55,7 @@ def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[st
 @pytest.mark.parametrize(
     ("key", "values"),
     [
-        ("phase_kind", (None,)),
+        ("phase_kind", (None, "q", "atan2")),
         ("step_s", ("a", None, 0.0, NAN)),
         ("azimuth_deg", (("a",), None, (NAN,), "1")),
         ("elevation_deg", ((None,), 5.0)),

@@ -22,6 +22,7 @@ from insgnss.studies.receiver.variants import VARIANTS, Variant, variant_of
 from insgnss.studies.receiver.workspace import TWO_STAGE
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import (
+    require_known,
     require_not_negative,
     require_number,
     require_positive,
@@ -128,6 +129,13 @@ def integrations(o: ReceiverOptions) -> Integrations:
             f"an integration of {o.step_s:g} s is longer than a symbol of {o.symbol_s:g} s",
             key="step_s",
             advice="integrate for a symbol at most, or track a pilot: symbol_s = inf",
+        )
+    require_known(o.phase_kind, PHASE_KINDS, "phase_kind", "phase discriminator")
+    if math.isfinite(o.symbol_s) and PhaseDiscriminator(o.phase_kind).aperture_rad > math.pi:
+        raise ConfigError(
+            f"the discriminator '{o.phase_kind}' takes every change of a symbol's sign for half a cycle",
+            key="phase_kind",
+            advice="give iq, sign or atan, or track a pilot: symbol_s = inf",
         )
     require_within(0.0, o.duration_s, "an interval is a part of the study", interval_s=o.interval_s)
     interval = round(o.interval_s / o.step_s)
