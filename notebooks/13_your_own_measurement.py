@@ -226,7 +226,7 @@ nis = nis[nis["kind"].isin(["map_height", "compass", "beacon"])]
 mean_nis = nis.groupby(nis["kind"].astype(str))["nis"].mean()
 print(mean_nis.round(2).to_dict())
 assert (nis["status"] == "used").mean() > 0.98
-assert height["height"] < 0.6 < 5.0 < alone["height"]
+assert height["height"] < 0.6 < 5.0 < alone["sd_height"]
 assert everything["horizontal"] < 0.6 * alone["horizontal"]
 assert everything["sd_horizontal"] < 0.4 * alone["sd_horizontal"]
 assert car["horizontal"] < 0.3 * alone["horizontal"]

@@ -109,9 +109,8 @@ for seed in SEEDS:
 #
 # Error over sigma in the second half of each flight, rms over the flights. Without the states the filter attributes
 # what the satellites show to the attitude, and roll is wrong by nine sigmas. Position and velocity are compared at the
-# IMU's tags, so their errors include the motion of 20 ms. In most flights the filter notices
-# that the tags are late and reports it; without the state it cannot correct them. In one it takes what it sees for a
-# sensor that was wrong for a moment, again and again.
+# IMU's tags, so their errors include the motion of 20 ms. The filter notices that the tags are late and reports it;
+# without the state it cannot correct them.
 
 # %%
 QUANTITIES = ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "n_m", "e_m", "d_m")

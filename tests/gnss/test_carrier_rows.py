@@ -233,5 +233,6 @@ def test_parts_of_a_log_joined_are_the_log(carrier: bool) -> None:
     parts = [some_epochs(whole, begin, end) for begin, end in [(0, 1), (1, 4), (4, 4), (4, EPOCHS)]]
     joined = joined_epochs(parts)
     for name in GnssRows._fields:
-        assert getattr(joined, name).tobytes() == getattr(whole, name).tobytes()
+        # not their bytes: those between the fields of a record have no value
+        assert repr(getattr(joined, name).tolist()) == repr(getattr(whole, name).tolist())
         assert getattr(joined, name).dtype == getattr(whole, name).dtype

@@ -392,7 +392,6 @@ def test_fix_that_reflections_agree_on_is_not_taken() -> None:
     [
         ("fast_jet", "navigation", 63, 100.0, 0),
         ("fast_jet", "navigation", 62, 300.0, 0),
-        ("turning_flight", "industrial", 73, 300.0, 1),
     ],
 )
 def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(

@@ -72,7 +72,8 @@ _TOGETHER: Final = {
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
 _APART_S: Final = 1.0  # from an onset to the next
-_RARER: Final = math.log(1e4)  # so much likelier must a jump between two of them be than at one
+# so much likelier must a jump between two of them be than at one: with a third of it late tags pass for jumps
+_RARER: Final = 10.0 * math.log(1e4)
 _YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
