@@ -157,13 +157,20 @@ def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
 
 
 @kernel(inline=True)
-def place_decays(m: StateRecord, par: Parameters, dt: float, keep: Float64) -> None:
-    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s].
+def bias_decays(m: StateRecord, par: Parameters, dt: float) -> tuple[float, float]:
+    """Return the decay factors exp(-dt / time) of the biases of accelerometers and gyros over ``dt`` [s].
 
     The time is that of a sound sensor. What one has jumped by when it failed stays.
     """
     of_a = 1.0 if m.failed[0] else math.exp(-dt / par.accel_bias_time)
     of_g = 1.0 if m.failed[1] else math.exp(-dt / par.gyro_bias_time)
+    return of_a, of_g
+
+
+@kernel(inline=True)
+def place_decays(m: StateRecord, par: Parameters, dt: float, keep: Float64) -> None:
+    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s]."""
+    of_a, of_g = bias_decays(m, par, dt)
     for i in range(3):
         keep[BA + i] = of_a
         keep[BG + i] = of_g

@@ -18,7 +18,8 @@ from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELL
 from insgnss.filter.diagnosis.suspects import explanations, log_odds, log_weights, over_onsets, shared
 from insgnss.filter.diagnosis.witnesses import KindColumns, least_nis
 from insgnss.filter.layout import Layout
-from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, new_bank
+from insgnss.filter.sensor_errors import BIAS_OF
+from insgnss.filter.state import BA, DV, PSI, new_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.scene import new_filter, place, rows_of
@@ -92,8 +93,9 @@ def test_jump_that_is_not_at_the_bank_has_moved_what_the_sensor_moves(
 
     P = with_fault(bank, setup, sensor, widths, earlier, later_s=0.8).P[0]
 
-    at = [*range(state, state + 3), *range(BA if sensor == ACCELEROMETER else BG, OFFSETS)][:6]
-    scale = np.sqrt(np.diag(expected).max() * np.array([*[np.diag(expected).max()] * 3, *[9.0] * 3]))
+    bias, sigma = BIAS_OF[state], np.sqrt(np.diag(expected))
+    at = [*range(state, state + 3), *range(bias, bias + 3)]
+    scale = np.outer(sigma, sigma)
     np.testing.assert_allclose((P - bank.P[0])[np.ix_(at, at)] / scale, expected / scale, atol=0.01)
     np.testing.assert_allclose(P.T, P, rtol=1e-12)
 

@@ -387,27 +387,19 @@ def test_fix_that_reflections_agree_on_is_not_taken() -> None:
     assert position_m(run, FAULT_S) < 10.0
 
 
-@pytest.mark.parametrize(
-    ("scenario", "grade", "seed", "fault_mg", "axis"),
-    [
-        ("fast_jet", "navigation", 63, 100.0, 0),
-        ("fast_jet", "navigation", 62, 300.0, 0),
-    ],
-)
-def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(
-    scenario: str, grade: str, seed: int, fault_mg: float, axis: int
-) -> None:
-    """After half a second no row fits any more, and a fix is at hand; the fault began between two epochs."""
-    _, _, flown = drawn(Row("fails", "fails", scenario, (), grade), seed)
+@pytest.mark.parametrize(("seed", "fault_mg"), [(63, 100.0), (62, 300.0)])
+def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(seed: int, fault_mg: float) -> None:
+    """Along the way of a jet, between two epochs: after half a second no row fits any more, and a fix is at hand."""
+    _, _, flown = drawn(Row("jet", "jet", "fast_jet", (), "navigation"), seed)
     imu, at_s = flown.logs.imu, 150.81
     imu = replace(imu, f_b=imu.f_b.copy())
-    imu.f_b[(imu.t_ns - imu.t_ns[0]) / NS_PER_S > at_s, axis] += fault_mg * MPS2_PER_MG
+    imu.f_b[(imu.t_ns - imu.t_ns[0]) / NS_PER_S > at_s, 0] += fault_mg * MPS2_PER_MG
     seen = shortened(replace(flown.logs, imu=imu), at_s + 40.0)
     run = insgnss.replay(replace(flown, logs=replace(seen, reference=flown.logs.reference)))
     assert run.errors is not None
     since = run.errors["time_s"] - run.errors["time_s"].iloc[0] - at_s
     named = run.events[run.events["kind"] == "sensor_suspect"]
-    assert f"accelerometer {'xyz'[axis]}" in named["detail"].iloc[0] and len(named) == 1
+    assert "accelerometer x" in named["detail"].iloc[0] and len(named) == 1
     assert "reset" not in set(run.events["kind"])
     late = run.errors[since > 15.0]
     for name in ATTITUDE:

@@ -26,6 +26,7 @@ from insgnss.filter.diagnosis.jumps import (
 from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory, in_one_piece
 from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
+    CLEAR,
     EARLIEST_S,
     EITHER,
     EITHER_OR_LAPSE,
@@ -72,8 +73,6 @@ _TOGETHER: Final = {
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
 _APART_S: Final = 1.0  # from an onset to the next
-# so much likelier must a jump between two of them be than at one: with a third of it late tags pass for jumps
-_RARER: Final = 10.0 * math.log(1e4)
 _YOUNG_S: Final = 10.0  # of younger faults every onset is tried at first: a jump of a force fits at one only
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
@@ -153,16 +152,16 @@ class Hindsight:
         """Return the results for a sensor's fault at many onsets, then refined around the best of these.
 
         A bias may have jumped between those that were tried. That takes what has moved by then for unknown, which
-        explains much: it must be far likelier. Without a fault it is not tried. ``widths`` of the jumps: by default the
-        largest.
+        explains much: it must be clearly likelier, or late time tags would pass for it. Without a fault it is not
+        tried. ``widths`` of the jumps: by default the largest.
         """
         found = self._over_onsets(suspect, widths, 0.0)
         best = max(map(_log_likelihood, found), default=-math.inf)
         jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_TOGETHER.get(suspect, (suspect,)))
-        if not jumps or best < self.as_it_was + _RARER:
+        if not jumps or best < self.as_it_was + CLEAR:
             return found
         between = self._over_onsets(suspect, widths, _APART_S)
-        return between if max(map(_log_likelihood, between), default=best) > best + _RARER else found
+        return between if max(map(_log_likelihood, between), default=best) > best + CLEAR else found
 
     def _over_onsets(self, suspect: str, widths: Widths | None, later_s: float) -> list[Verdict]:
         """Return the results for a fault up to ``later_s`` after each onset; the distance to the next if that is less.
@@ -173,7 +172,7 @@ class Hindsight:
         found: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
 
-        def look(onsets_ns: Iterable[int], later_s: float) -> None:
+        def look(onsets_ns: Iterable[int], within_s: float) -> None:
             for onset_ns in onsets_ns:
                 bank = self.at(onset_ns)
                 if bank is None or _now_ns(bank) in tried:
@@ -181,10 +180,10 @@ class Hindsight:
                 onset_ns = _now_ns(bank)
                 tried.add(onset_ns)
                 largest = self.largest_jumps(onset_ns)
-                verdict = self.from_onset(suspect, bank, widths or largest, later_s)
+                verdict = self.from_onset(suspect, bank, widths or largest, within_s)
                 if verdict is not None:
                     fits = verdict.fits and self.plausible(verdict.bank, largest)
-                    verdict = verdict._replace(fits=fits, onset_ns=onset_ns, later_s=later_s)
+                    verdict = verdict._replace(fits=fits, onset_ns=onset_ns, later_s=within_s)
                     found[onset_ns] = self.of_axes(verdict, largest)
 
         onsets_ns = [_now_ns(bank) for bank in self.before[:-1]]

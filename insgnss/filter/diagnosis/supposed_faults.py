@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
+from insgnss.filter.layout import SENSORS as ERROR_OF
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import DR, DV, PSI, Bank, copy_bank
 from insgnss.filter.update.lasting_errors import epochs_of_an_error
@@ -30,6 +31,8 @@ SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE, SHOCK)
 
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
+SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
+CLEAR: Final = 10.0 * SURE  # the same odds where what was seen for ten seconds counts once
 NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 EARLIEST_S: Final = 90.0
@@ -72,7 +75,7 @@ def with_fault(
                 [1.0, moved_s], [1.0, moved_s]
             )
         return found
-    at, moved = bias_of(suspect, setup)[0], {ACCELEROMETER: DV, GYRO: PSI}[suspect]
+    at, moved = bias_of(suspect, setup)[0], ERROR_OF[suspect]
     assert widths is not None
     found.state["failed"][:, (ACCELEROMETER, GYRO).index(suspect)] = 1
     variance = np.diag(widths**2)

@@ -30,6 +30,7 @@ from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
+    CLEAR,
     GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
@@ -39,6 +40,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SATELLITES,
     SENSORS,
     SHOCK,
+    SURE,
 )
 from insgnss.filter.diagnosis.tag_faults import other_imu_tags, other_tags
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
@@ -55,10 +57,7 @@ from insgnss.tables import Float64
 # as they like: the lie must have been a large one
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
-_SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
-# the same odds where what was seen for ten seconds counts once: a fault that is so clear needs no second look
-_CLEAR: Final = 10.0 * _SURE
-_COARSE: Final = 3.0 * _SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
+_COARSE: Final = 3.0 * SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
 _TAGS_LAST_NS: Final = 120 * NS_PER_S
@@ -91,7 +90,7 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
 
 def _best(verdicts: list[Verdict]) -> Verdict:
     """Return the likeliest verdict, or one that fits where the odds between the two leave the choice open."""
-    least = max(verdict.log_likelihood for verdict in verdicts) - _SURE
+    least = max(verdict.log_likelihood for verdict in verdicts) - SURE
     return max((v for v in verdicts if v.log_likelihood > least), key=lambda v: (v.fits, v.log_likelihood))
 
 
@@ -121,7 +120,7 @@ def over_onsets(explanation: Explanation, layout: Layout) -> Verdict:
         slow=best.bank.slow
     )
     bank.state["log_weight"] = log_weights(explanation.verdicts)
-    heavy = np.flatnonzero(bank.state["log_weight"] > bank.state["log_weight"].max() - _SURE)
+    heavy = np.flatnonzero(bank.state["log_weight"] > bank.state["log_weight"].max() - SURE)
     bank = select_members(bank, heavy)
     lead = int(bank.head[0].leader)
     for i in range(len(heavy)):
@@ -135,7 +134,7 @@ def with_sound_axes(explanation: Explanation, again: Hindsight) -> Explanation:
     if explanation.suspect not in (ACCELEROMETER, GYRO):
         return explanation
     weights = log_weights(explanation.verdicts)
-    heavy = weights > weights.max() - _SURE
+    heavy = weights > weights.max() - SURE
     renewed = {
         id(verdict): again.with_sound_axes(verdict)
         for verdict, counts in zip(explanation.verdicts, heavy, strict=True)
@@ -175,7 +174,7 @@ def run_away(
     told = explanations([verdict, *again.sensor(RATES)], again.as_it_was)
     if told[0].suspect == RATES and told[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
         return None, past.suspecting(_accused(told[0]))
-    if log_odds([each for each in told if each.suspect == SATELLITES], told) < _SURE:
+    if log_odds([each for each in told if each.suspect == SATELLITES], told) < SURE:
         return None, in_vain
     lasting = again.to_the_end(verdict)
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
@@ -212,7 +211,7 @@ def judge(
     if not told:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in told if each.best.fits]
-    if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
+    if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = told[0], past.suspected
     excused = _is_excused(told, past, again)
@@ -220,7 +219,7 @@ def judge(
     past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
     if excused or not first.best.fits:
         return None, past
-    likely = [each for each in told if each.log_odds > first.log_odds - _SURE]
+    likely = [each for each in told if each.log_odds > first.log_odds - SURE]
     chosen = shared(likely)
     if chosen is not None and chosen.best.fits and _is_shown(_with(chosen, told), told, before):
         verdict = again.to_the_end(over_onsets(with_sound_axes(chosen, again), setup.layout))
@@ -241,7 +240,7 @@ def _is_shown(of: list[Explanation], told: list[Explanation], before: frozenset[
     Where late GNSS tags began is seen for some seconds only.
     """
     seen = all(_accused(each) <= before for each in of[:1]) or of[0].suspect == GNSS_TAGS
-    return log_odds(of, told) > (_SURE if seen else _CLEAR)
+    return log_odds(of, told) > (SURE if seen else CLEAR)
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:
@@ -259,7 +258,7 @@ def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) 
     much. Nor is what late tags have done to the filter a fault of anything else.
     """
     first = told[0]
-    least = max(_SURE, first.log_odds - _COARSE)
+    least = max(SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)

@@ -24,7 +24,7 @@ from insgnss.filter.imu.inertial_stream import Cut
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.prediction import ImuSamples, bias_decays, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.sensor_errors import whole_error_rows, whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
@@ -291,9 +291,7 @@ def _carry_sensor_errors(
     errors = [*range(BA, BG + 3), *further]
     keep, grown = np.ones(len(errors)), np.zeros(len(errors))
     m.failed[:] = old.failed
-    times_s = par.accel_bias_time, par.gyro_bias_time
-    left = [1.0 if gone else math.exp(-seconds / t_s) for gone, t_s in zip(old.failed, times_s, strict=True)]
-    keep[:6] = np.repeat(left, 3)
+    keep[:6] = np.repeat(bias_decays(old, par, seconds), 3)
     grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
     cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g
