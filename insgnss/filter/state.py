@@ -42,7 +42,7 @@ MAX_WATCHED: Final = (
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 24  # numbers kept of each band of a satellite
+N_MEMORY: Final = 26  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
@@ -107,6 +107,8 @@ class StateRecord(Record):
     adapted_count: int
     level_epochs: Annotated[Int64, N_KINDS]  # over how many epochs the level of a kind was learnt
     level_risen: Annotated[Float64, 2]  # by how much an epoch raised one that was settled; 0: it did not
+    carriers_tested: float  # carrier differences of the last half minute, and how many of them failed a test
+    carriers_failed: float
     lasting: Annotated[Float64, N_KINDS, N_LASTING_SUMS]  # of each kind, see ``lasting_errors``
     explained: Annotated[
         Float64, 2, 3
@@ -246,6 +248,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
             target.lasting[i, j] = source.lasting[i, j]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
     target.swung_ns = source.swung_ns
+    target.carriers_tested, target.carriers_failed = source.carriers_tested, source.carriers_failed
     target.noise_excess = source.noise_excess
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (
         source.sum_dt,

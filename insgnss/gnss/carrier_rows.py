@@ -50,8 +50,9 @@ CARRIER_DTYPE: Final = np.dtype(
 )
 Carriers = npt.NDArray[Any]
 
-# The trapezoid of two Dopplers misses jerk dt^3 / 12: 0.8 m at 10 m/s^3 and 1 s; a clock's is common to all
-_DOPPLER_LIMIT_M: Final = 1.0
+# Doppler's noise, as large at any rate: 1 m/s, over one second at most; and what the trapezoid of two Dopplers misses,
+# jerk dt^3 / 12: 0.8 m at 10 m/s^3 and 1 s; a clock's is common to all
+DOPPLER_LIMIT_MPS: Final = 1.0
 _DOPPLER_LIMIT_MPS3: Final = 1.0
 # where no Doppler is logged: a metre of noise, and what a street's echoes make of a code
 _CODE_LIMIT_M: Final = 30.0
@@ -116,7 +117,7 @@ def carrier_rows(
     if message is not None:
         _mark(found, message[now] != message[then], MESSAGE_CHANGED)
     rate = 0.5 * (range_rate[now] + range_rate[then])
-    limit = _DOPPLER_LIMIT_M + _DOPPLER_LIMIT_MPS3 * dt**3
+    limit = DOPPLER_LIMIT_MPS * np.minimum(dt, 1.0) + _DOPPLER_LIMIT_MPS3 * dt**3
     _mark(found, np.abs(value[now]) > _FASTEST_MPS * dt, BAD_VALUE)
     _mark(found, _apart(value[now] - rate * dt, limit, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
     way = np.where(np.isfinite(rate), np.nan, gnss.pseudorange_m[now] - gnss.pseudorange_m[then])

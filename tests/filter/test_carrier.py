@@ -32,7 +32,7 @@ from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.compiled_ahead import compile_for
-from insgnss.status import GATED, NO_EPOCH_BEFORE, USED
+from insgnss.status import GATED, INCONSISTENT, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force
 from tests.filter.test_measurement_jacobians import moved as moved_state
@@ -141,17 +141,34 @@ def test_update_with_differences_equals_the_dense_filter(rng: np.random.Generato
     for j, line in enumerate(lines):
         H[j, line["columns"][CARRIER, :11]] = line["h"][CARRIER, :11]
     P = bank.P[0].copy()
-    R = np.diag(lines["variance"][:, CARRIER])
-    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-    x, P_after = K @ lines["innovation"][:, CARRIER], (np.eye(N) - K @ H) @ P
 
     out, work = run_epoch(bank, log, par)
 
+    R = np.diag(work.epoch.lines["variance"][:12, CARRIER])  # with what the gate lets pass
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    x, P_after = K @ lines["innovation"][:, CARRIER], (np.eye(N) - K @ H) @ P
     assert np.all(out.carrier["status"] == USED)
     correction = work.epoch.vectors[0][:OFFSETS]
     # S of twelve unit-size states against 3 mm of noise: the inverse is good to 1e-9
     assert np.max(np.abs(correction - x[:OFFSETS])) < 1e-7 * np.max(np.abs(x))
     assert np.max(np.abs(bank.P[0][:OFFSETS, :OFFSETS] - P_after[:OFFSETS, :OFFSETS])) < 1e-7 * np.max(P)
+
+
+@pytest.mark.parametrize("wrong", [[4], [4, 9], [0, 4, 9]])
+def test_differences_that_the_others_contradict_are_found_behind_a_wide_gate(
+    rng: np.random.Generator, wrong: list[int]
+) -> None:
+    """The prior knows the way to a metre, the gate lets 1.5 m pass; among twelve carriers they stand out."""
+    bank, log, par = cloned_filter(rng), carrier_log(), numbers(residual_gate2=25.0)
+    log.observation["status"] = -1
+    way = -observed(bank, log, par).lines["innovation"][:, CARRIER]
+    log.carrier["value"] = way + 1e-3 * rng.normal(size=12)
+    log.carrier["value"][wrong] += 1.5
+
+    out, _ = run_epoch(bank, log, par)
+
+    assert np.flatnonzero(out.carrier["status"] == INCONSISTENT).tolist() == wrong
+    assert np.count_nonzero(out.carrier["status"] == USED) == 12 - len(wrong)
 
 
 def run_epoch(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> tuple[Any, Any]:

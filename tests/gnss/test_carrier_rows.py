@@ -38,16 +38,16 @@ T0_NS, STEP_NS = 1_300_000_000_000_000_000, 500_000_000
 L1_M, L5_M = C_MPS / L1_HZ, C_MPS / L5_HZ
 
 
-def log(seed: int = 3) -> GnssTable:
+def log(seed: int = 3, step_ns: int = STEP_NS) -> GnssTable:
     """Return six epochs of five satellites on L1 and L5; range rates of their own, a clock of 80 m/s."""
     rng = np.random.default_rng(seed)
     rate = np.repeat(rng.uniform(-700.0, 700.0, SATELLITES) + 80.0, 2)
-    t = np.arange(EPOCHS)[:, None] * STEP_NS * 1e-9
+    t = np.arange(EPOCHS)[:, None] * step_ns * 1e-9
     distance = 2.2e7 + rate * t + 0.5 * 3.0 * t**2
     wavelength = np.tile([L1_M, L5_M], SATELLITES)
     n = EPOCHS * 2 * SATELLITES
     return GnssTable(
-        t_ns=np.repeat(T0_NS + np.arange(EPOCHS) * STEP_NS, 2 * SATELLITES).astype(np.int64),
+        t_ns=np.repeat(T0_NS + np.arange(EPOCHS) * step_ns, 2 * SATELLITES).astype(np.int64),
         sv=np.tile(np.repeat(np.arange(SATELLITES), 2), EPOCHS).astype(np.int16),
         signal=np.tile([0, 1], EPOCHS * SATELLITES).astype(np.int16),
         pseudorange_m=distance.ravel(),
@@ -129,6 +129,16 @@ def test_slip_of_many_cycles_disagrees_with_the_doppler() -> None:
 
     assert status[2, 3, 0] == SLIP_DOPPLER
     assert np.all(status[3:] == USED)
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "cycles", "found"), [(0.2, 2.0, True), (0.1, 1.0, True), (1.0, 8.0, False)]
+)
+def test_slip_stands_out_from_the_doppler_by_its_rate(interval_s: float, cycles: float, found: bool) -> None:
+    """The Doppler is good to a metre per second, so at 5 Hz it shows a slip that it does not show at 1 Hz."""
+    status = status_of(moved(log(step_ns=round(interval_s * 1e9)), place(2, 3, 0), cycles))
+
+    assert (status[2, 3, 0] == SLIP_DOPPLER) == found
 
 
 def test_step_of_the_receiver_clock_is_no_slip() -> None:

@@ -111,7 +111,12 @@ def test_slip_of_one_frequency_is_refused_where_it_happens(sv: tuple[str, ...], 
     run = replayed(faulty(cycle_slip(sv, cycles, AT_S)))
     assert set(statuses(run, AT_S, sv)) <= {"gated", "slip_doppler"}
     assert statuses(run, AT_S, tuple(set(ALL) - set(sv))) == ["used"]
-    assert statuses(run, AT_S + 1.0) == ["used"]
+    assert statuses(run, AT_S + 1.0, tuple(set(ALL) - set(sv))) == ["used"]
+    assert set(statuses(run, AT_S + 1.0, sv)) <= {
+        "used",
+        "phase_not_locked",
+    }  # the latter after a slip that Doppler shows
+    assert statuses(run, AT_S + 3.0) == ["used"]
     assert_not_dragged(run)
 
 
@@ -269,3 +274,30 @@ def test_carriers_noisier_than_assumed_are_given_less_weight(sigma_m: float) -> 
     run = replayed(faulty(), change)
     assert run.status_counts().loc["used", "carrier_difference"] > 1000
     assert_honest(run, 0.0)
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize("interval_s", [0.2, 1.0])
+def test_phases_that_are_not_locked_and_not_flagged_do_no_harm(interval_s: float, seed: int) -> None:
+    """Seven of eleven phases are numbers of a receiver that has lost them: off by 10 m/s from epoch to epoch."""
+    unlocked = (*MOST, next(sv for sv in ALL if sv not in MOST))
+
+    def lost(table: GnssTable) -> GnssTable:
+        random = np.random.default_rng(seed)
+        assert table.carrier_cycles is not None and table.lli is not None
+        cycles = table.carrier_cycles.copy()
+        for name in unlocked:
+            rows = np.flatnonzero(table.sv == table.sv_names.index(name))
+            cycles[rows] += np.cumsum(10.0 * interval_s * random.normal(size=len(rows))) * L1_HZ / C_MPS
+        return dataclasses.replace(table, carrier_cycles=cycles, lli=np.zeros_like(table.lli))
+
+    base = faulty().scenario
+    receiver = dataclasses.replace(base.receiver, rate_hz=1.0 / interval_s)
+    run = replayed(Simulator(dataclasses.replace(base, receiver=receiver, duration_s=80.0)), lost)
+    assert_not_dragged(run, 5.0 * GOOD_MPS, HEADING_FOUND_S)  # by four carriers
+    rows = run.measurements[run.measurements["kind"] == "carrier_difference"]
+    used = rows[rows["status"] == "used"]["sv"].isin(unlocked)
+    assert used.sum() < 0.01 * rows["sv"].isin(unlocked).sum()
+    assert (~used).sum() > 0.7 * (
+        ~rows["sv"].isin(unlocked)
+    ).sum()  # the median of an epoch may be a wrong one

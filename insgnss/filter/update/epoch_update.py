@@ -35,6 +35,7 @@ from insgnss.filter.update.judging import UpdateOutcome, gate_carriers, judge_ro
 from insgnss.filter.update.lasting_errors import epochs_of_an_error, follow_lasting_errors
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
+from insgnss.filter.update.phase_locks import refuse_unlocked
 from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
@@ -96,13 +97,15 @@ def update_epoch(
     correction, drift_variance = s.vectors[0], P[DRIFT, DRIFT]
     place_slow_variances(bank, member, par, rows, epoch, lines)
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
+    if rows.carrier.shape[0] > 0:
+        refuse_unlocked(m, bank.memory[member], rows, epoch, lines, since_last)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     done = judge_rows(bank, member, par, lines, observation, t_ns, s)
     if par.at_clone >= 0:
         follow_lasting_errors(m, P, bank.memory[member], s, observation, CARRIER, t_ns, par)
-    gate_carriers(P, lines, s.vectors, par, done)
+    gate_carriers(m, P, lines, s.vectors, par, done, since_last, bank.state.shape[0] == 1)
     log_likelihood, information, no_ranges, no_rates = use_epoch(
         m, P, lines, s.vectors, par, since_last, scratch.A, response
     )  # the prior is in scratch.A then
@@ -214,7 +217,7 @@ def use_epoch(
     copy_matrix(P, prior)
     for i in range(response.shape[0]):
         vectors[3, i] = response[i]
-    no_ranges, no_rates = 0, 0
+    no_ranges, no_rates, no_carriers = 0, 0, 0
     log_likelihood, information = 0.0, 0.0
     spreads = (
         spread_of(m, par, PSEUDORANGE, since_last),
@@ -234,7 +237,8 @@ def use_epoch(
         no_ranges = left_out_of(PSEUDORANGE, prior, P, lines, correction, par, spreads[PSEUDORANGE])
         if response.shape[0] == 0:  # under a wrong heading the right rates contradict each other
             no_rates = left_out_of(RANGE_RATE, prior, P, lines, correction, par, spreads[RANGE_RATE])
-        if no_ranges + no_rates == 0:
+            no_carriers = left_out_of(CARRIER, prior, P, lines, correction, par, spreads[CARRIER])
+        if no_ranges + no_rates + no_carriers == 0:
             break
         copy_matrix(prior, P)
         for i in range(response.shape[0]):

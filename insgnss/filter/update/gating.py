@@ -171,15 +171,18 @@ def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> No
     Equation: nu = (y_j - y_m)^2 / ((h_j - h_m) P (h_j - h_m)^T + r_j + r_m)
     What all rows share drops out, and with it an ordinary crystal's wander of a decimetre in a second, behind which a
     slip of a cycle hides from ``gate_rows``. If at most half agree, the right ones are unknown: all are
-    refused. All have the same columns. ``vectors`` (4, k) is scratch.
+    refused. All have the same columns. ``vectors`` (4, k) is scratch; the third row then holds the predicted variance
+    of each row against the median one, and their mean for that.
     """
-    h = vectors[1]
+    h, between = vectors[1], vectors[2]
     middle, n = median_row(lines, CARRIER, vectors[3])
     if n < 2:
+        if n == 1:
+            between[middle] = lines[middle].predicted[CARRIER]
         return
     m = lines[middle]
     columns = m.columns[CARRIER][: m.count[CARRIER]]
-    agree = 1
+    agree, total = 1, 0.0
     for j in range(lines.shape[0]):
         line = lines[j]
         if line.status[CARRIER] != USED or j == middle:
@@ -188,10 +191,13 @@ def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> No
             h[a] = line.h[CARRIER, a] - m.h[CARRIER, a]
         own = line.variance[CARRIER] + m.variance[CARRIER]
         apart = line.innovation[CARRIER] - m.innovation[CARRIER]
-        if apart * apart <= gate2 * (predicted_variance(P, h, columns) + own):
+        between[j] = predicted_variance(P, h, columns)
+        total += between[j]
+        if apart * apart <= gate2 * (between[j] + own):
             agree += 1
         else:
             line.status[CARRIER] = GATED
+    between[middle] = total / (n - 1)
     if 2 * agree <= n:
         for j in range(lines.shape[0]):
             if lines[j].status[CARRIER] == USED:

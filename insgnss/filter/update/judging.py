@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import Bank
+from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.adaptation import raise_level
+from insgnss.filter.update.carrier_doubt import doubt_carriers
 from insgnss.filter.update.creeping import follow_satellites, refuse_left_out
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import (
@@ -78,7 +79,16 @@ def judge_rows(
 
 
 @kernel(inline=True)
-def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: UpdateOutcome) -> None:
+def gate_carriers(
+    m: StateRecord,
+    P: Float64,
+    lines: Lines,
+    vectors: Float64,
+    par: Parameters,
+    done: UpdateOutcome,
+    since_last: float,
+    alone: bool,
+) -> None:
     """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
 
     Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
@@ -93,6 +103,8 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
     gate2 = par.kind[CARRIER].gate2
     gate_rows(lines, CARRIER, gate2)
     gate_between(P, lines, vectors, gate2)
+    if alone:
+        doubt_carriers(m, lines, vectors[2], gate2, since_last)
 
 
 @kernel(inline=True)

@@ -29,6 +29,8 @@ REFLECTION, REFLECTION_VARIANCE = 14, 15
 # of range rates, then of carrier differences, from ``LASTING`` on: when [s], means over five seconds of the residual in
 # sigmas and of its square, variance of the first over that of one residual (``lasting_errors``)
 LASTING, N_LASTING = 16, 4
+# probability that its carrier phase is not locked, and when [s] (``phase_locks``)
+UNLOCKED, UNLOCKED_S = 24, 25
 
 RATE_MEAN_S: Final = 10.0
 FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again

@@ -47,6 +47,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "cycles_open": "several antennas: the whole cycles of the difference are not known for certain",
     "stuck": "the receiver repeats a range rate to the last digit while the satellite's own motion has changed it",
     "contradicts": "the rows of its kind contradict the other measurements: none is used until they agree again",
+    "phase_not_locked": "carrier: too many of its differences failed a test to believe that the phase is locked",
     "cycles_wrong": "several antennas: the difference is off by whole cycles",
     "no_channel": "GLONASS: neither messages, log nor flight file state its frequency channel",
 }
