@@ -55,12 +55,10 @@ NO_DIFFERENCE: Final = 39  # no other antenna has the signal, or it is the one t
 CYCLES_OPEN: Final = 40  # whole cycles of the difference between two antennas are not known for certain
 CYCLES_WRONG: Final = 41  # they are known to be wrong: the difference is off by whole cycles
 STUCK: Final = 42  # the receiver repeats a number that the satellite's motion has changed: no measurement
-PHASE_NOT_LOCKED: Final = (
-    44  # carrier: too many of its differences failed a test to believe that it is locked
-)
 CONTRADICTS: Final = (
     43  # the rows of its kind contradict the other measurements: none is used until they agree
 )
+PHASE_NOT_LOCKED: Final = 44  # carrier: too many of its differences have failed a test
 
 NAMES: Final[dict[int, str]] = {
     USED: "used",

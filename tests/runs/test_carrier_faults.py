@@ -112,10 +112,8 @@ def test_slip_of_one_frequency_is_refused_where_it_happens(sv: tuple[str, ...], 
     assert set(statuses(run, AT_S, sv)) <= {"gated", "slip_doppler"}
     assert statuses(run, AT_S, tuple(set(ALL) - set(sv))) == ["used"]
     assert statuses(run, AT_S + 1.0, tuple(set(ALL) - set(sv))) == ["used"]
-    assert set(statuses(run, AT_S + 1.0, sv)) <= {
-        "used",
-        "phase_not_locked",
-    }  # the latter after a slip that Doppler shows
+    # a slip that the Doppler shows leaves its phase in doubt
+    assert set(statuses(run, AT_S + 1.0, sv)) <= {"used", "phase_not_locked"}
     assert statuses(run, AT_S + 3.0) == ["used"]
     assert_not_dragged(run)
 
@@ -296,8 +294,6 @@ def test_phases_that_are_not_locked_and_not_flagged_do_no_harm(interval_s: float
     run = replayed(Simulator(dataclasses.replace(base, receiver=receiver, duration_s=80.0)), lost)
     assert_not_dragged(run, 5.0 * GOOD_MPS, HEADING_FOUND_S)  # by four carriers
     rows = run.measurements[run.measurements["kind"] == "carrier_difference"]
-    used = rows[rows["status"] == "used"]["sv"].isin(unlocked)
-    assert used.sum() < 0.01 * rows["sv"].isin(unlocked).sum()
-    assert (~used).sum() > 0.7 * (
-        ~rows["sv"].isin(unlocked)
-    ).sum()  # the median of an epoch may be a wrong one
+    is_lost, is_used = rows["sv"].isin(unlocked), rows["status"] == "used"
+    assert is_used[is_lost].mean() < 0.01
+    assert is_used[~is_lost].mean() > 0.7  # the median of an epoch may be that of a lost one

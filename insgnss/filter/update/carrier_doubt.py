@@ -11,9 +11,10 @@ as the test against Doppler lets them. A wrong one lies anywhere within b, so th
     r <- r + p b^2 / 3                            [probabilistic data association: Bar-Shalom & Tse 1975]
 
 One in five of the wrong ones passes the tests by chance (``phase_locks``), so e is a fifth of the share that failed
-them in the last half minute. These tests ask no filter: what the gate refuses may as well be the fault of the state,
-and noise must not hide a fault. Where the velocity is known, S is small and nothing changes. While several headings are
-possible no row is widened: under a wrong heading S is as large, and the right rows must go on contradicting it.
+them in the last half minute; before any were tested, a tenth counts as failed. These tests ask no filter: what the gate
+refuses may as well be the fault of the state, and noise must not hide a fault. Where the velocity is known, S is small
+and nothing changes. While several headings are possible no row is widened: under a wrong heading S is as large, and the
+right rows must go on contradicting it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
 
-_ROWS_AT_FIRST: Final = 20.0
+_ROWS_AT_FIRST: Final = 20.0  # that the share of the beginning counts as
 
 
 @kernel(inline=True)

@@ -105,7 +105,7 @@ def update_epoch(
     done = judge_rows(bank, member, par, lines, observation, t_ns, s)
     if par.at_clone >= 0:
         follow_lasting_errors(m, P, bank.memory[member], s, observation, CARRIER, t_ns, par)
-    gate_carriers(m, P, lines, s.vectors, par, done, since_last, bank.state.shape[0] == 1)
+    gate_carriers(bank, member, par, lines, s.vectors, done, since_last)
     log_likelihood, information, no_ranges, no_rates = use_epoch(
         m, P, lines, s.vectors, par, since_last, scratch.A, response
     )  # the prior is in scratch.A then

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import Bank, StateRecord
+from insgnss.filter.state import Bank
 from insgnss.filter.update.adaptation import raise_level
 from insgnss.filter.update.carrier_doubt import doubt_carriers
 from insgnss.filter.update.creeping import follow_satellites, refuse_left_out
@@ -80,14 +80,13 @@ def judge_rows(
 
 @kernel(inline=True)
 def gate_carriers(
-    m: StateRecord,
-    P: Float64,
+    bank: Bank,
+    member: int,
+    par: Parameters,
     lines: Lines,
     vectors: Float64,
-    par: Parameters,
     done: UpdateOutcome,
     since_last: float,
-    alone: bool,
 ) -> None:
     """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
 
@@ -102,9 +101,9 @@ def gate_carriers(
         return
     gate2 = par.kind[CARRIER].gate2
     gate_rows(lines, CARRIER, gate2)
-    gate_between(P, lines, vectors, gate2)
-    if alone:
-        doubt_carriers(m, lines, vectors[2], gate2, since_last)
+    gate_between(bank.P[member], lines, vectors, gate2)
+    if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
+        doubt_carriers(bank.state[member], lines, vectors[2], gate2, since_last)
 
 
 @kernel(inline=True)

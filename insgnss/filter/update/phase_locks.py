@@ -9,8 +9,8 @@ So each phase has a probability p that it is not locked. It follows from the tes
     p <- p + (1 - p) (1 - exp(-T / 50 s)) - p (1 - exp(-T / 5 s)),   T since the epoch before
     p <- p u / (p u + (1 - p) l),   u, l: how often an unlocked phase and a locked one do what this one did
 
-A difference counts while p is below 5 %. A phase that never fails is used from its first difference on; one slip costs
-at most the next two differences. What the receiver itself calls a slip says nothing of the others.
+A difference is used while p is below 5 %. A phase that never fails is used from its first difference on; one slip costs
+at most the next two differences. A slip that the receiver reports says nothing of the other differences.
 """
 
 from __future__ import annotations
@@ -63,9 +63,8 @@ def follow_lock(seen: Float64, passes: bool, now: float) -> None:
     p = AT_FIRST
     if 0.0 <= since <= FORGOTTEN_S:
         p = seen[UNLOCKED]
-        p += (1.0 - p) * (1.0 - math.exp(-since / _LOST_AFTER_S)) - p * (
-            1.0 - math.exp(-since / _FOUND_AFTER_S)
-        )
+        lost, found = 1.0 - math.exp(-since / _LOST_AFTER_S), 1.0 - math.exp(-since / _FOUND_AFTER_S)
+        p += (1.0 - p) * lost - p * found
     unlocked = p * (PASSES_UNLOCKED if passes else 1.0 - PASSES_UNLOCKED)
     locked = (1.0 - p) * (_PASSES_LOCKED if passes else 1.0 - _PASSES_LOCKED)
     seen[UNLOCKED] = unlocked / (unlocked + locked)
