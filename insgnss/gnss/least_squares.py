@@ -64,7 +64,7 @@ def fill(target: Float64, value: float) -> None:
 
 
 @kernel
-def copy(source: Float64, target: Float64) -> None:
+def copy_into(source: Float64, target: Float64) -> None:
     """Copy a vector of numbers."""
     for i in range(len(source)):
         target[i] = source[i]

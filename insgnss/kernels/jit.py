@@ -13,7 +13,6 @@ With an empty cache the compiler takes most of the time of a first run: ``insgns
 from __future__ import annotations
 
 import atexit
-import dis
 import hashlib
 import os
 import re
@@ -196,14 +195,14 @@ def _borrows(function: Callable[..., Any]) -> bool:
     The count of references costs the loop over a log a tenth of its time. A kernel that allocates unseen, by the
     arithmetic of whole arrays, is refused: "NRT required". It is written as a loop.
     """
-    names = function.__globals__
-    for step in dis.get_instructions(function):
-        if step.opname in ("LOAD_ATTR", "LOAD_METHOD") and step.argval in _ALLOCATES:
-            return False
-        called: Any = names.get(step.argval) if step.opname == "LOAD_GLOBAL" else None
-        if hasattr(called, "py_func"):
-            woven = called.targetoptions.get("inline") == "always"
-            if not (_borrows(called.py_func) if woven else _returns_numbers(called.py_func)):
+    named = function.__code__.co_names  # its globals and attributes, which are not told apart
+    if not _ALLOCATES.isdisjoint(named):
+        return False
+    for called in map(function.__globals__.get, named):
+        inner: Any = getattr(called, "py_func", function)
+        if inner is not function:
+            woven = cast(Any, called).targetoptions.get("inline") == "always"
+            if not (_borrows(inner) if woven else _returns_numbers(inner)):
                 return False
     return _returns_numbers(function)
 

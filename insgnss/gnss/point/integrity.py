@@ -20,7 +20,7 @@ from insgnss.gnss.least_squares import (
     FitRows,
     FitWorkspace,
     clock_of,
-    copy,
+    copy_into,
     count,
     covariance,
     fit,
@@ -179,7 +179,7 @@ def swaps_fit(
         if not offered[k] or use[k]:
             continue
         use[k] = True
-        copy(x, y)
+        copy_into(x, y)
         rival = False
         if not math.isnan(fit(rows, use, y, fits.work)):
             covariance(fits.work.N, P)
@@ -206,10 +206,10 @@ def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64,
         use[a] = False
         if b >= 0:
             use[b] = False
-        copy(x, y)
+        copy_into(x, y)
         total = fit(rows, use, y, fits.work)
         if not math.isnan(total) and total <= fits.limits[freedom - size]:
-            copy(y, x)
+            copy_into(y, x)
             covariance(fits.work.N, P)
             rival = _has_rival(fits.room, offered, a, b, fits.limits[1], _position_sigma(P))
             _drop_lonely(rows, offered, use, len(x) - CLOCKS)
@@ -257,7 +257,7 @@ def agree(
     freedom = n - unknowns
     if n < max(unknowns, 4):
         return TOO_FEW, math.nan, 0
-    copy(start, x)
+    copy_into(start, x)
     total = fit(rows, use, x, fits.work)
     solved = not math.isnan(total)
     if solved:

@@ -22,7 +22,7 @@ from insgnss.gnss.least_squares import (
     RANGE,
     RANGE_RATE,
     FitRows,
-    copy,
+    copy_into,
     count,
     fill,
     free_clocks,
@@ -183,7 +183,7 @@ def fit_position(
         if not LOWEST_M < radius < HIGHEST_M:
             return (BAD_GEOMETRY if verdict == UNTESTED else NOT_IDENTIFIED), math.nan, -1
         moved = (x[0] - start[0]) ** 2 + (x[1] - start[1]) ** 2 + (x[2] - start[2]) ** 2
-        copy(x, start)
+        copy_into(x, start)
         if step > 0 and moved < _STILL_M * _STILL_M:
             break
     return verdict, total, freedom

@@ -25,7 +25,7 @@ from insgnss.gnss.least_squares import (
     FitRows,
     FitWorkspace,
     clock_of,
-    copy,
+    copy_into,
     count,
     covariance,
     fit,
@@ -111,7 +111,7 @@ def _linearise(rows: FitRows, among: Bool, x: Float64, work: FitWorkspace, linea
     size = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     if not (size < HIGHEST_M and (rows.kind == RANGE_RATE or size > LOWEST_M)):
         return False
-    copy(x, linear.at)
+    copy_into(x, linear.at)
     for k in range(len(among)):
         if among[k]:
             linear.r[k] = residual(rows, k, x, work)
@@ -349,7 +349,7 @@ def search(
     linear, is_linear = _linear(len(use), len(x)), False
     for _ in range(_TRIALS):
         state = _draw(unknowns, members, state)
-        copy(start, x)
+        copy_into(start, x)
         if is_linear:
             if _is_worse(rows, members, unknowns, start, best, linear):
                 continue
@@ -372,5 +372,5 @@ def search(
                 use[k] = near[k]
     if best == math.inf:
         return math.nan
-    copy(start, x)
+    copy_into(start, x)
     return polish(tied, candidates, x, P, work, use)
