@@ -295,7 +295,7 @@ def update_bank(
         bank.state[i].log_likelihood = done.log_likelihood if sound else -math.inf
         bank.state[i].motion_information = done.motion_information if sound else 0.0
     if n > 1:
-        weigh_headings(bank, par)
+        weigh_headings(bank, par, False)
         share_noise_levels(bank)
     else:
         bank.head[0].log_likelihood += done.log_likelihood

@@ -83,7 +83,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         place_antenna: (m, par, w_ib_b, f_b, s.antenna[0]),
         close_loop: (m, values, ANY_N),
         copy_state: (m, m),
-        weigh_headings: (bank, par),
+        weigh_headings: (bank, par, False),
         write_row: (bank, bank, ANY_N, ANY_N, ANY_N, par, out, work),
         mixture_covariance: (bank, P),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], ANY_N),

@@ -285,11 +285,11 @@ def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bo
         bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
         return
     judging = ~np.isnan(log_likelihood).any(axis=0)  # a value refused for one says nothing of the others
-    for rows, carried in ((judging & ~direct, information), (judging & direct, np.ones_like(information))):
+    for rows, in_full in ((judging & ~direct, False), (judging & direct, True)):
         if rows.any():
             bank.state["log_likelihood"] = log_likelihood[:, rows].sum(axis=1)
-            bank.state["motion_information"] = carried[:, rows].sum(axis=1)
-            weigh_headings(bank, par)
+            bank.state["motion_information"] = information[:, rows].sum(axis=1)
+            weigh_headings(bank, par, in_full)
 
 
 def _charge_unlikely(
@@ -305,8 +305,7 @@ def _charge_unlikely(
         if charge < 0.0:
             log_likelihood[i], bank.state[i].unlikely_ns, charged = charge, t_ns, True
     if charged:
-        bank.state["motion_information"] = 1.0  # it counts in full
-        weigh_headings(bank, par)
+        weigh_headings(bank, par, True)
 
 
 def carry_through(

@@ -8,7 +8,7 @@ import pytest
 from insgnss.filter.headings.headings import weigh_headings
 from insgnss.filter.headings.motion import motion_specific_force, sees_earth_rate, velocity_changed
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.state import BG, DV, OFFSETS, PSI, StateRecord, new_bank
+from insgnss.filter.state import BG, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.epoch_update import use_rows
 from insgnss.filter.update.scalar_update import predicted_variance
@@ -27,15 +27,23 @@ def parameters(gate: float = 5.0) -> np.ndarray:
     return par[0]
 
 
-def two_headings(log_likelihoods: tuple[float, float], information: float) -> np.ndarray:
+def two_headings(
+    log_likelihoods: tuple[float, float], information: float, *, in_full: bool = False
+) -> np.ndarray:
     """Return the weights of two hypotheses after an epoch."""
+    bank = open_bank(information)
+    bank.state["log_likelihood"] = log_likelihoods
+    weigh_headings(bank, parameters(), in_full)
+    return np.exp(bank.state["log_weight"])
+
+
+def open_bank(information: float) -> Bank:
+    """Return two equally likely headings; the motion of each epoch shows so many squared sigmas."""
     bank = new_bank(2, 0)
     bank.state["r_e"] = PLACE_E
     bank.P[:] = np.eye(OFFSETS)
-    bank.state["log_likelihood"] = log_likelihoods
     bank.state["motion_information"] = information
-    weigh_headings(bank, parameters())
-    return np.exp(bank.state["log_weight"])
+    return bank
 
 
 def test_without_motion_no_likelihood_moves_a_weight() -> None:
@@ -43,13 +51,39 @@ def test_without_motion_no_likelihood_moves_a_weight() -> None:
 
 
 WRONG = 0.01  # odds that an epoch is wrong altogether
+NOISE = 2.0  # squared sigmas by which noise moves an epoch
 
 
-@pytest.mark.parametrize(("information", "share"), [(3.0, 1.0), (0.1, 0.1)])
-def test_motion_counts_as_far_as_it_can_carry(information: float, share: float) -> None:
-    """From a squared sigma on in full, below in proportion."""
+@pytest.mark.parametrize(("information", "share"), [(0.1, 0.1 / 2.1), (3.0, 0.6), (1e6, 1.0)])
+def test_motion_counts_by_its_share_of_what_moves_the_rows(information: float, share: float) -> None:
     heavier, lighter = two_headings((0.0, -2.0), information)
-    assert lighter / heavier == pytest.approx((np.exp(-2.0 * share) + WRONG) / (1.0 + WRONG))
+    assert lighter / heavier == pytest.approx((np.exp(-2.0 * share) + WRONG) / (1.0 + WRONG), rel=1e-5)
+
+
+def test_rows_that_measure_the_heading_count_in_full() -> None:
+    heavier, lighter = two_headings((0.0, -2.0), 0.0, in_full=True)
+    assert lighter / heavier == pytest.approx((np.exp(-2.0) + WRONG) / (1.0 + WRONG))
+
+
+def test_weight_of_a_heading_is_the_share_of_the_runs_in_which_it_is_right() -> None:
+    """Of twenty epochs with half a squared sigma of motion and two of noise each; all told apart by 1 rad.
+
+    If the weights w are right, the mean weight of the right heading is that of the sum of w^2.
+    """
+    runs, epochs, shown = 1000, 20, 0.5
+    rng = np.random.default_rng(20)
+    log_ratio = 0.5 * shown + np.sqrt(shown + NOISE) * rng.standard_normal((runs, epochs))  # right over wrong
+    of_right, squares = np.empty(runs), np.empty(runs)
+    for run in range(runs):
+        bank = open_bank(shown)
+        for found in log_ratio[run]:
+            bank.state["log_likelihood"] = (found, 0.0)
+            weigh_headings(bank, parameters(), False)
+        weights = np.exp(bank.state["log_weight"])
+        of_right[run], squares[run] = weights[0], weights @ weights
+    excess = of_right - squares
+    assert abs(excess.mean()) < 3.0 * excess.std() / np.sqrt(runs)
+    assert of_right.mean() > 0.6  # not the half that they begin with
 
 
 def test_one_epoch_alone_chooses_no_heading() -> None:

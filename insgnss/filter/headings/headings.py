@@ -23,6 +23,9 @@ _SAME_HEADING_RAD: Final = math.radians(5.0)
 SMALLEST_DIFFERENCE_RAD: Final = 0.02
 FINER: Final = 3  # times as many headings where a motion shows the heading better than they are linear
 _WRONG_EPOCH: Final = 0.01  # odds that the rows of an epoch are wrong together and say nothing of the heading
+# squared sigmas of an epoch's rows per rad^2 by which noise that turns with the heading can move them: one for each
+# horizontal axis, if the rows know it better than the accelerometers
+_BY_NOISE: Final = 2.0
 _CURVED: Final = 0.1  # sigmas of an epoch's rows that the second order of a heading may make
 
 
@@ -134,15 +137,20 @@ def headings_wanted(bank: Bank, usual: int, widest: float) -> int:
 
 
 @kernel(apart=True)
-def weigh_headings(bank: Bank, par: Parameters) -> None:
-    """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
+def weigh_headings(bank: Bank, par: Parameters, in_full: bool) -> None:
+    """Multiply the weights by the likelihood of an epoch, by the share of it that shown motion has made.
 
-    Equation: w_i *= (L_i / L_max)^rho + e, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the
-    motion that was shown, e the odds that an epoch is wrong altogether. In a street most range rates of an epoch may be
-    wrong, and without e one such epoch would choose a heading for good. Without motion the hypotheses differ in nothing
-    but the direction in which they integrate the accelerometers' noise: their likelihood ratio is a driftless random
-    walk that would choose one in the end. rho is common to all, so it favours none. Hypotheses that differ in more than
-    their headings (a given start against others, a filter against a fix) are weighed in full.
+    Equation: w_i *= (L_i / L_max)^rho + e, rho = I / (I + v), I = sum_i w_i sum_rows (h q_i)^2 / S_i, q_i the response
+    to the motion that was shown, e the odds that an epoch is wrong altogether. In a street most range rates of an epoch
+    may be wrong, and without e one such epoch would choose a heading for good.
+
+    Hypotheses differ, too, in the direction in which they integrate the accelerometers' noise: without motion their
+    likelihood ratio is a driftless random walk that would choose one in the end. Between two that are d apart ln L has
+    the mean d^2 I / 2, all of it by the motion, and the variance d^2 (I + v), v by the noise. A likelihood ratio has
+    twice its mean as variance, which rho makes it. rho is common to all, so it favours none.
+
+    Hypotheses that differ in more than their headings (a given start against others, a filter against a fix) are
+    weighed in full, and so are rows that measure the heading, by ``in_full``.
     """
     state, lead = bank.state, bank.head[0].leader
     carried = 0.0
@@ -150,7 +158,7 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
         carried += math.exp(state[i].log_weight) * state[i].motion_information
     all_of_it = par.motion_gate2 <= 0.0 or bank.head[0].more_than_headings == 1
     all_of_it = all_of_it or sees_earth_rate(state[lead], par, bank.P[lead])
-    share = 1.0 if all_of_it else min(carried, 1.0)
+    share = 1.0 if all_of_it or in_full else carried / (carried + _BY_NOISE)
     largest = -math.inf
     for i in range(state.shape[0]):
         largest = max(largest, state[i].log_likelihood)
