@@ -193,9 +193,10 @@ def _borrows(function: Callable[..., Any]) -> bool:
     """Return whether a function, and what it calls, hands it no array that it would have to give back.
 
     The count of references costs the loop over a log a tenth of its time. A kernel that allocates unseen, by the
-    arithmetic of whole arrays, is refused: "NRT required". It is written as a loop.
+    arithmetic of whole arrays, is refused: "NRT required". It is written as a loop. An attribute with the name of a
+    kernel counts as that kernel: at worst references are counted in vain.
     """
-    named = function.__code__.co_names  # its globals and attributes, which are not told apart
+    named = function.__code__.co_names
     if not _ALLOCATES.isdisjoint(named):
         return False
     for called in map(function.__globals__.get, named):

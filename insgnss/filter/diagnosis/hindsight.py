@@ -157,7 +157,7 @@ class Hindsight:
         """
         found = self._over_onsets(suspect, widths, 0.0)
         best = max(map(_log_likelihood, found), default=-math.inf)
-        jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_TOGETHER.get(suspect, (suspect,)))
+        jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_together(suspect))
         if not jumps or best < self.as_it_was + CLEAR:
             return found
         between = self._over_onsets(suspect, widths, _APART_S)
@@ -210,7 +210,7 @@ class Hindsight:
         each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
         for risen2 in NOISE2 if suspect == NOISE else (1.0,):
             faulty = bank
-            for part in _TOGETHER.get(suspect, (suspect,)):
+            for part in _together(suspect):
                 faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, later_s, risen2)
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is not None:
@@ -377,6 +377,11 @@ class Hindsight:
             of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - KEPT_OUT_S
             of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + KEPT_OUT_S
         return verdict
+
+
+def _together(suspect: str) -> tuple[str, ...]:
+    """Return the faults that a suspicion supposes at once."""
+    return _TOGETHER.get(suspect, (suspect,))
 
 
 def _now_ns(bank: Bank) -> int:
