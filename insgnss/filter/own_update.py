@@ -63,6 +63,12 @@ class _Member(NamedTuple):
     variance: Float64  # (k,) of the innovations at the prior, as gate and ledger take them
     antenna: AntennaState
 
+    @property
+    def predicted(self) -> Float64:
+        """The part of ``variance`` (k,) that is the prediction's."""
+        own = np.array([row.single_variance for _, row in self.rows])
+        return np.asarray(self.variance - own)
+
 
 def use_own_rows(
     bank: Bank, t_ns: int, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any], scratch: Scratch
@@ -108,7 +114,7 @@ def use_own_rows(
     _weigh(bank, log_likelihood, information, direct, par)
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
-    watch(bank.head[0], kinds, updates[lead].entries, t_ns)
+    watch(bank.head[0], kinds, updates[lead].entries, members[lead].predicted, t_ns)
     doubt_filter(bank, kinds, [update.entries for update in updates.values()], t_ns)
     return updates[lead]
 

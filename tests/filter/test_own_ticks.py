@@ -71,14 +71,21 @@ def test_recent_samples_are_those_up_to_the_time_and_read_only() -> None:
         state.recent(LONGEST_WINDOW_S + 0.1)
 
 
-def watched_with(nis: float, seconds: int, head: Any, begin: int = 0) -> list[str]:
-    """Return the events of a kind with rows of a normalised squared innovation once a second."""
+def watched_with(
+    nis: float, seconds: int, head: Any, begin: int = 0, variances: tuple[float, float] = (1.0, 0.5)
+) -> list[str]:
+    """Return the events of a kind with rows of a normalised squared innovation once a second.
+
+    ``variances``: of the innovation, and of its prediction alone.
+    """
     own = own_measurements([SECOND])
     assert own is not None
     told = []
+    S, predicted = variances[0], np.array([variances[1]])
     for k in range(begin, begin + seconds):
         before = contradicting(head, own.kinds)
-        watch(head, own.kinds, [OwnEntry(k, "ticking", math.sqrt(nis), 1.0, USED)], START_NS + k * NS_PER_S)
+        entry = OwnEntry(k, "ticking", math.sqrt(nis * S), S, USED)
+        watch(head, own.kinds, [entry], predicted, START_NS + k * NS_PER_S)
         told += [event.kind for event in changes(before, head, own.kinds, k)]
     return told
 
@@ -89,6 +96,23 @@ def test_kind_whose_rows_are_off_is_not_used_until_they_agree_again() -> None:
     assert watched_with(16.0, 10, head, 100) == ["rows_contradict"]
     assert watched_with(0.5, 60, head, 110) == ["rows_agree"]
     assert watched_with(1e6, 1, head, 170) == []  # one wild row is no contradiction
+
+
+@pytest.mark.parametrize(("off_sigma", "shows_at"), [(4.0, 1.7), (30.0, 99.0)])
+def test_rows_do_not_agree_by_a_prediction_that_has_grown_vague(off_sigma: float, shows_at: float) -> None:
+    """Four sigma off are 1.3 sigma of a prediction ten times as vague; thirty sigma off still show there."""
+    head = new_filter(place()).head[0]
+    head.epoch_ns = START_NS + 8 * NS_PER_S
+    assert watched_with(off_sigma**2, 10, head) == ["rows_contradict"]
+    assert watched_with(0.1, 60, head, 10, (400.5, 400.0)) == []
+    assert watched_with(0.1, 60, head, 70, (shows_at + 0.5, shows_at)) == ["rows_agree"]
+
+
+def test_rows_that_only_a_filter_without_gnss_contradicts_agree_as_it_grows_vague() -> None:
+    head = new_filter(place()).head[0]
+    head.epoch_ns = START_NS - 60 * NS_PER_S
+    assert watched_with(16.0, 10, head) == ["rows_contradict"]
+    assert watched_with(0.1, 60, head, 10, (400.5, 400.0)) == ["rows_agree"]
 
 
 def test_heading_loses_its_odds_once_and_not_at_each_tick() -> None:

@@ -170,6 +170,19 @@ def test_car_that_slides_is_not_pulled_away_and_says_so() -> None:
     assert "contradicts" in set(rows[rows["kind"] == "non_holonomic"]["status"])
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_car_that_creeps_into_an_outage_is_not_taken_to_stand_there(seed: int) -> None:
+    """0.5 m/s without vibration: GNSS shows that it moves, and in the outage nothing shows that it has stopped."""
+    gone = (TO_KNOWN_S + 30.0, TO_KNOWN_S + 90.0)
+    text = scenario("vehicle", *TO_KNOWN, accelerate(0.5, 8.0), straight(92.0), faults=outage(*gone))
+    run = insgnss.replay(equipped(flown(text, "industrial", seed), CAR), output=1.0)
+    assert run.errors is not None
+    inside = run.errors[(run.errors["time_s"] - START_S).between(*gone)]
+    for name in ("vn_mps", "ve_mps", "n_m", "e_m"):
+        assert (inside[f"d_{name}"].abs() < 4.0 * inside[f"sd_{name}"]).all(), name
+    assert "rows_contradict" in kinds(run)
+
+
 def test_imu_mounted_otherwise_than_declared_is_found_and_the_heading_is_the_imus() -> None:
     """The IMU looks 5 deg to the right of the vehicle: 2.5 sigma of the mounting's prior."""
     text = scenario("vehicle", *TO_KNOWN, *CITY[1:])

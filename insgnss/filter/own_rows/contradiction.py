@@ -4,6 +4,11 @@ A gate refuses what is far off. Rows that are always somewhat off, as those of a
 and pull the filter away from its other measurements. Their normalised squared innovations show it: 1 on average, less
 for rows that count less because their errors are correlated. The mean over the last 10 s, each value kept below 25, is
 chi-square of some 40 degrees of freedom divided by them (sigma 0.22), so 3 is 9 sigma away. A slide of 5 s gives 5.
+
+In an outage the sigma of the prediction grows until any row agrees with it. If the rows were found wrong while GNSS
+supported the prediction, a row counts as agreement only while the prediction is as good as then (within a factor of two
+in variance), or would still show at three sigma an error of the size that was found. A contradiction that begins in an
+outage may be the filter's own error: there any agreement counts.
 """
 
 from __future__ import annotations
@@ -12,15 +17,20 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
+import numpy as np
+
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import NOT_WATCHED, Kind
 from insgnss.filter.state import HeadRecord
-from insgnss.tables import Event
+from insgnss.tables import Event, Float64
 
 _MEMORY_S: Final = 10.0
 _CONTRADICTS: Final = 3.0
 _AGREES: Final = 1.5
 _MOST: Final = 25.0  # a row as far off as 5 sigma: one outlier is not a contradiction
+_SHOWS2: Final = 9.0  # three sigma
+_AS_GOOD: Final = 2.0  # in variance
+_LATELY_S: Final = 5.0
 _LONGEST_STEP_S: Final = 5.0  # rows after a pause count as at most so many seconds of evidence
 
 
@@ -32,24 +42,44 @@ def contradicting(head: HeadRecord, kinds: Iterable[Kind]) -> frozenset[str]:
     return frozenset(kind.name for kind in kinds if kind.watch != NOT_WATCHED and found[kind.watch])
 
 
-def watch(head: HeadRecord, kinds: Iterable[Kind], entries: Iterable[OwnEntry], t_ns: int) -> None:
-    """Carry the mean of each watched kind on with the rows of a time, and note which contradict."""
-    found: dict[str, list[float]] = {}
-    for entry in entries:
+def watch(
+    head: HeadRecord, kinds: Iterable[Kind], entries: Iterable[OwnEntry], predicted: Float64, t_ns: int
+) -> None:
+    """Carry the mean of each watched kind on with the rows of a time, and note which contradict.
+
+    Parameters
+    ----------
+    predicted : variance of each entry's prediction (k,), without that of its own row
+    """
+    found: dict[str, list[tuple[float, float, float]]] = {}
+    for entry, variance in zip(entries, predicted.tolist(), strict=True):
         if math.isfinite(entry.nis):
-            found.setdefault(entry.kind, []).append(min(entry.nis, _MOST))
-    mean, last_ns, contradicts = head.own_nis, head.own_nis_ns, head.own_contradicts
+            row = min(entry.nis, _MOST), entry.innovation**2, variance
+            found.setdefault(entry.kind, []).append(row)
+    mean, last_ns, contradicts, reach = head.own_nis, head.own_nis_ns, head.own_contradicts, head.own_reach
     for kind in kinds:
         values = found.get(kind.name)
         if kind.watch == NOT_WATCHED or not values:
             continue
-        at, nis = kind.watch, sum(values) / len(values)
+        at, (nis, off2, variance) = kind.watch, np.mean(values, axis=0).tolist()
         before_ns = int(last_ns[at])
         step_s = min((t_ns - before_ns) * 1e-9, _LONGEST_STEP_S) if before_ns else 1.0
+        last_ns[at] = t_ns
+        if contradicts[at] and variance > reach[at]:
+            continue
         share = 1.0 - math.exp(-step_s / _MEMORY_S)
         mean[at] += share * (nis - mean[at])
-        last_ns[at] = t_ns
-        contradicts[at] = int(mean[at] > (_AGREES if contradicts[at] else _CONTRADICTS))
+        shows = off2 / _SHOWS2
+        if contradicts[at]:
+            contradicts[at], reach[at] = int(mean[at] > _AGREES), max(reach[at], shows)
+        elif mean[at] > _CONTRADICTS:
+            contradicts[at] = 1
+            reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
+
+
+def _is_supported(head: HeadRecord, t_ns: int) -> bool:
+    """Return whether GNSS measurements have been used lately."""
+    return bool(head.silent_ns == 0 and (t_ns - head.epoch_ns) * 1e-9 < _LATELY_S)
 
 
 def changes(before: frozenset[str], head: HeadRecord, kinds: Iterable[Kind], t_ns: int) -> list[Event]:
