@@ -72,7 +72,7 @@ class OdometerColumns(LogColumns):
 
 
 class Odometer(SensorLog):
-    """The speed of a wheel, or of a point of the vehicle, along its forward axis."""
+    """The speed of a wheel, or of a point of the vehicle, along its forward axis ([vehicle.non_holonomic])."""
 
     kind: Literal["odometer"]
     columns: OdometerColumns = OdometerColumns()

@@ -26,6 +26,7 @@ from insgnss.sensors.odometer import OdometerMeasurement
 from insgnss.sensors.position_fixes import PositionMeasurement, VelocityMeasurement
 from insgnss.sensors.readings import LiveReadings, readings_of
 from insgnss.sensors.sensor_measurement import SensorMeasurement
+from insgnss.sensors.vehicle_motion import VehicleMounting
 from insgnss.sensors.vehicle_rows import vehicle_measurements, vehicle_states
 
 KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
@@ -56,6 +57,12 @@ def fitted(config: FlightConfig, logs: FlightLogs | None) -> SensorFitting:
     logs : None where the logs are still to come, as in the streaming engine
     """
     sensors = further_sensors(config.sensor, logs)
+    if config.vehicle is not None:
+        mounting = VehicleMounting.of(config.vehicle.non_holonomic)
+        sensors = [
+            replace(one, mounting=mounting) if isinstance(one, OdometerMeasurement) else one
+            for one in sensors
+        ]
     if not config.gnss.files:  # fixes carry the filter
         sensors = [replace(one, carrying=isinstance(one, _FIXES)) for one in sensors]
     states = tuple(block for one in sensors for block in one.states())

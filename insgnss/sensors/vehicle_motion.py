@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,28 @@ def log_weight(forward_mps: float, limits: NoseFirst | None) -> float:
     return math.log(limits.odds)
 
 
+class VehicleMounting(NamedTuple):
+    """The IMU's angles against the vehicle, as the flight file gives them [rad]."""
+
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    @classmethod
+    def of(cls, settings: NonHolonomicRows | None) -> VehicleMounting:
+        """Return the mounting of a flight file, zero where it gives none."""
+        if settings is None:
+            return NOT_TURNED
+        return cls(math.radians(settings.mounting_pitch_deg), math.radians(settings.mounting_yaw_deg))
+
+    def angles(self, state: StateEstimate) -> tuple[float, float]:
+        """Return pitch and yaw: those given plus those estimated by the filter [rad]."""
+        found = np.zeros(2) + state.optional.get(MOUNTING, 0.0)
+        return self.pitch + float(found[0]), self.yaw + float(found[1])
+
+
+NOT_TURNED: Final = VehicleMounting()
+
+
 @dataclass(frozen=True)
 class NonHolonomic(PeriodicMeasurement):
     """Sideways and downward velocity of the axle are zero."""
@@ -69,9 +91,13 @@ class NonHolonomic(PeriodicMeasurement):
     def _axle_b(self) -> Float64:
         return np.array(self.settings.axle_m or (0.0, 0.0, 0.0))
 
+    @cached_property
+    def _mounting(self) -> VehicleMounting:
+        return VehicleMounting.of(self.settings)
+
     def rows(self, state: StateEstimate, layout: StateLayout) -> list[Row]:
         """Return the lateral and the vertical row."""
-        l_b, (pitch, yaw) = self._axle_b, self._mounting(state)
+        l_b, (pitch, yaw) = self._axle_b, self._mounting.angles(state)
         w, grows = _rate_at_axle(state)
         u = state.C_eb.T @ state.v_e + cross_product(w, l_b)
         ahead, right, down = vehicle_axes(pitch, yaw)
@@ -94,17 +120,8 @@ class NonHolonomic(PeriodicMeasurement):
 
     def unlikely(self, state: StateEstimate) -> float:
         """Return the charge on a heading under which the vehicle moves backward."""
-        ahead, _, _ = vehicle_axes(*self._mounting(state))
+        ahead, _, _ = vehicle_axes(*self._mounting.angles(state))
         return log_weight(float(ahead @ state.C_eb.T @ state.v_e), self.nose_first)
-
-    def _mounting(self, state: StateEstimate) -> tuple[float, float]:
-        """Return pitch and yaw of the IMU against the vehicle: as given, and as estimated by the filter."""
-        found = np.zeros(2) + state.optional.get(MOUNTING, 0.0)
-        given = self.settings
-        return (
-            math.radians(given.mounting_pitch_deg) + float(found[0]),
-            math.radians(given.mounting_yaw_deg) + float(found[1]),
-        )
 
     def _variances(self, u: Float64, w: Float64) -> tuple[float, float]:
         """Return the variance of the slip sideways and downward, for a velocity and a rate in body axes."""

@@ -20,8 +20,11 @@ from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.sensors.fitting import KINDS
 from insgnss.sensors.readings import LiveReadings, Readings, readings_of
 from insgnss.sensors.sensor_measurement import SensorMeasurement
+from insgnss.sensors.vehicle_motion import MOUNTING, VehicleMounting, vehicle_axes
+from insgnss.sensors.vehicle_rows import vehicle_states
 from insgnss.tables import Float64, SensorTable
 from tests.jacobian import finite_difference_jacobian
+from tests.sensors.test_vehicle_motion import vehicle
 
 T_NS = 1_400_000_000_000_000_000
 LAT, LON, H = 0.71, -1.29, 300.0
@@ -111,6 +114,33 @@ def test_partials_are_the_differences_of_the_prediction(kind: str) -> None:
             # the Earth's rate, 7.3e-5 rad/s over metres, is taken as fixed to the body
             atol = 2e-4 if name == "attitude" else 2e-6 * scale
             np.testing.assert_allclose(np.atleast_1d(given), found[0], atol=atol, err_msg=f"{k} {name}")
+
+
+def test_odometer_reads_along_the_forward_axis_of_a_vehicle_whose_imu_looks_aside() -> None:
+    """30 deg to the right of the vehicle and 10 deg up: along the body's own axis the wheel would read 15 % less."""
+    given = vehicle("car", non_holonomic={"mounting_yaw_deg": 30.0, "mounting_pitch_deg": 10.0})
+    blocks = (*vehicle_states(given), *measurement("odometer", [13.0]).states())
+    state = dataclasses.replace(estimate(blocks), w_ib_b=np.zeros(3), b_g=np.zeros(3))
+    still = dataclasses.replace(state, optional=MappingProxyType(dict.fromkeys(state.optional, 0.0)))
+    still = dataclasses.replace(still, optional=MappingProxyType({**still.optional, MOUNTING: np.zeros(2)}))
+    ahead, _, _ = vehicle_axes(math.radians(10.0), math.radians(30.0))
+    config = sensor("odometer")
+    config = config.model_copy(update={"lever_arm_m": (0.0, 0.0, 0.0)})
+    one = dataclasses.replace(
+        measurement("odometer", [13.0]), config=config, mounting=VehicleMounting.of(given.non_holonomic)
+    )
+    along = dataclasses.replace(still, v_e=13.0 * still.C_eb @ ahead)
+    assert rows(one, along)[0].innovation == pytest.approx(0.0, abs=1e-3)
+
+    (row,) = rows(one, state)
+    for name in (MOUNTING, "attitude", "velocity"):
+        given_by = row.partials[name]
+
+        def predicted(d: Float64, name: str = name) -> float:
+            return -float(rows(one, moved(state, name, d))[0].innovation)
+
+        found = finite_difference_jacobian(predicted, np.zeros(np.size(given_by)), STEPS.get(name, 1e-4))
+        np.testing.assert_allclose(given_by, found[0], atol=2e-4, err_msg=name)
 
 
 @pytest.mark.parametrize("kind", VALUES)
