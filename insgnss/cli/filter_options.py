@@ -19,6 +19,13 @@ Settings = Annotated[
     ),
 ]
 
+Integrity = Annotated[
+    bool,
+    typer.Option(
+        "--integrity", help="Also give protection levels: the filter runs once more for each satellite."
+    ),
+]
+
 
 def chosen_filter(filter: str, settings: list[str] | None) -> FilterConfig:
     """Return the filter of the options.

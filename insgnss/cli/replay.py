@@ -15,7 +15,7 @@ from rich.table import Table
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
+from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
@@ -51,12 +51,7 @@ def replay(
             "--supervise", help="Also report what the receiver should do for each satellite, and when."
         ),
     ] = False,
-    integrity: Annotated[
-        bool,
-        typer.Option(
-            "--integrity", help="Also give protection levels: the filter runs once more for each satellite."
-        ),
-    ] = False,
+    integrity: Integrity = False,
     aiding: Annotated[
         float | None,
         typer.Option("--aiding", help="Rate in Hz of the tracking loop aiding for each satellite."),

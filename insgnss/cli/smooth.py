@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
+from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
@@ -34,6 +34,7 @@ def smooth(
     point: PointOption = None,
     quaternion: Quaternion = False,
     covariance: Covariance = False,
+    integrity: Integrity = False,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
@@ -55,6 +56,6 @@ def smooth(
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             check_outputs(output, report)
-            run = run_replay(loaded, chosen, smooth=True, progress=tell, **wanted)
+            run = run_replay(loaded, chosen, smooth=True, integrity=integrity, progress=tell, **wanted)
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)

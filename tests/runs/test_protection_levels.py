@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import insgnss
+from insgnss.cli.main import app
 from insgnss.config.integrity import Integrity
 from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.integrity.faults import Fault, fault_model
 from insgnss.runs.integrity.separation import Separation, protection_level, protection_of
+from insgnss.runs.simulate import simulate
 from insgnss.tables import Float64
+from tests.benchmarks.trust.motions import scenario, turn
 from tests.runs.scenes import flight, turns
 from tests.sensors.test_fixes_alone import fixes_alone
 from tests.statistics_bounds import share_below_bounds
@@ -132,6 +137,22 @@ def test_levels_are_saved_and_loaded(tmp_path_factory: pytest.TempPathFactory) -
     assert run.integrity is not None and loaded.integrity is not None
     pd.testing.assert_frame_equal(loaded.integrity, run.integrity)
     assert {"hpl_m", "vpl_m"} <= set(loaded.nav.columns)
+
+
+def test_smooth_command_gives_levels_of_the_smoothed_solution(tmp_path: Path) -> None:
+    """Smaller than those of the filter, and still above the errors."""
+    text = scenario("levels", turn(90.0, 30.0), turn(-90.0, 30.0), speed_mps=60.0)
+    (tmp_path / "levels.toml").write_text(text, encoding="utf-8")
+    simulate(tmp_path / "levels.toml", 906).save(tmp_path / "logs")
+    runs = []
+    for command in ("replay", "smooth"):
+        folder = tmp_path / command
+        wanted = [command, str(tmp_path / "logs" / "flight.toml"), "--integrity", "--output", str(folder)]
+        assert CliRunner().invoke(app, wanted).exit_code == 0
+        runs.append(insgnss.Run.load(folder))
+    filtered, smoothed = runs
+    assert smoothed.nav["hpl_m"].median() < filtered.nav["hpl_m"].median()
+    assert (beyond(smoothed) < 1.0).all().all()
 
 
 def test_rows_whose_risk_two_faults_spend_have_no_level_and_one_event_says_so() -> None:
