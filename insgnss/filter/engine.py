@@ -47,12 +47,7 @@ _HISTORY_S = 6.0  # of samples before the oldest state kept: the memory of a sta
 
 
 class FilterEngine:
-    """A live filter.
-
-    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
-    setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    the rows that became final since the last call, ``engine.events`` all events.
-    """
+    """A live filter: the part of ``insgnss.Engine`` that knows neither further sensors nor aiding."""
 
     def __init__(self, setup: FilterSetup) -> None:
         """Make an engine for a filter's setup (``insgnss.runs.replay.setup_filter`` makes one from a flight)."""
@@ -147,6 +142,10 @@ class FilterEngine:
 
     def _at_sample(self, t_ns: int) -> None:
         """Hook at each sample, with the filter carried to it; here nothing."""
+
+    def _finish(self, results: list[EpochResult]) -> None:
+        """Take the results of epochs that no late epoch can change any more."""
+        self._final += results
 
     def _before_epoch(self, epoch: GnssTable) -> None:
         """Hook before an epoch's update, with the filter at the epoch before; here nothing."""
@@ -293,7 +292,7 @@ class FilterEngine:
         self._final += self._further.take_final(t_ns + 1, self._mains_ns)
         if self._recent:
             self._last_settled = self._recent[-1].gnss
-        self._final += self._recent
+        self._finish(self._recent)
         self._recent = []
         del self._kept[:-1]
         self._closed_ns = max(self._closed_ns, t_ns)
@@ -365,7 +364,7 @@ class FilterEngine:
         self._final += self._further.take_final(horizon, self._mains_ns)
         while self._recent and self._recent[0].t_ns < horizon:
             self._last_settled = self._recent[0].gnss
-            self._final.append(self._recent.pop(0))
+            self._finish([self._recent.pop(0)])
         bank = self._navigator.bank
         if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
             # a long outage: carry the filter itself on, at whole samples, which changes no bit

@@ -12,7 +12,7 @@ from insgnss.aiding.stream import AidingStream, Message
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError
-from insgnss.filter.engine import FilterEngine
+from insgnss.filter.engine import EpochResult, FilterEngine
 from insgnss.filter.epoch_tables import tag_of
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
@@ -21,6 +21,7 @@ from insgnss.filter.state import copy_bank
 from insgnss.receiver import SupervisedRun
 from insgnss.receiver.live import LiveSupervision
 from insgnss.receiver.sources import LATEST_SAMPLE_NS, setup_and_satellites
+from insgnss.runs.installation import LiveInstallation
 from insgnss.sensors.live import forget_before, live_sensor, with_own_readings
 from insgnss.tables import Event, GnssTable
 
@@ -92,6 +93,7 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
+        self._installation = LiveInstallation(setup.layout)
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
 
     @property
@@ -172,6 +174,14 @@ class Engine(FilterEngine):
             advice = "make it with Engine(settings, supervise=True)"
             raise ConfigError("this engine does not supervise the search", key="supervise", advice=advice)
         return self._supervision.taken()
+
+    def _finish(self, results: list[EpochResult]) -> None:
+        """Look whether the epochs have determined a number of the installation."""
+        super()._finish(results)
+        for result in results:
+            if result.out.counts[0].nav:
+                values = self._setup.layout.in_columns(result.out.optional[0])
+                self._done += self._installation.events(result.t_ns, values)
 
     def _before_epoch(self, epoch: GnssTable) -> None:
         """Pass the epoch and the filter's prediction of it to the supervisor."""

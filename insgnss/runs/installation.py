@@ -14,7 +14,9 @@ import numpy as np
 import pandas as pd
 
 from insgnss.config.flight import FlightConfig
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, ResultError
+from insgnss.filter.layout import Layout
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.files import sha256
@@ -105,6 +107,32 @@ def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: in
         Event(int(week_seconds_to_ns(week, estimate.time_s)), "installation_known", estimate.words())
         for estimate in installation_estimates(nav, settings)
     ]
+
+
+class LiveInstallation:
+    """The same events of a streaming engine: each number of the installation once, when it is determined first."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Take the declared sigmas from the states of the filter."""
+        parts = {part.column: part for part in PARTS}
+        self._open = {
+            column: (parts[column], block.sigma)
+            for block in layout.blocks
+            for column in block.columns
+            if column in parts
+        }
+
+    def events(self, t_ns: int, values: Mapping[str, Any]) -> list[Event]:
+        """Return the events of an epoch; ``values`` has estimates and sigmas by their columns in ``nav``."""
+        found = []
+        for column, (part, declared) in list(self._open.items()):
+            sigma = float(values[f"sd_{column}"])
+            if sigma <= DETERMINED * declared:
+                del self._open[column]
+                time_s = t_ns % NS_PER_WEEK / NS_PER_S
+                estimate = InstallationEstimate(part, time_s, float(values[column]), sigma, declared)
+                found.append(Event(t_ns, "installation_known", estimate.words()))
+        return found
 
 
 def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:

@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.constants import NS_PER_S
+from insgnss.config.library import filter_config
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.installation import installation_findings
+from insgnss.runs.setup import setup_filter
 from tests.attitude.several_flights import scenario_text, write_flight
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.motions import scenario, straight
 from tests.benchmarks.trust.rows import Row
+from tests.filter.test_engine import stream
 from tests.runs.scenes import flight, true_start, turns
+from tests.runs.test_own_rows import random_delays
 from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_bounds, nees
 
 SIGMA_S = 0.02
@@ -144,3 +148,27 @@ def test_run_without_doubts_has_found_nothing() -> None:
     flown = flight(turns(60.0), seed=5)
     (finding,) = installation_findings(insgnss.replay(flown), flown.config)
     assert finding.severity == "ok" and "process.imu_time_sigma_s" in finding.advice
+
+
+def test_live_engine_reports_the_same_numbers_as_determined_at_the_same_times() -> None:
+    """Lever arm and time as states; epochs that are late by up to a few tenths of a second."""
+    flown = with_late_imu(flight(turns(150.0), seed=811), 0.015)
+    settings = {**SETTINGS, "process.lever_arm_sigma_m": 0.3}
+    run = insgnss.replay(flown, settings=settings)
+    wanted = run.events[run.events["kind"] == "installation_known"]
+    engine = insgnss.Engine(setup_filter(flown, flown.logs, filter_config("tight", settings)))
+    stream(engine, flown.logs, random_delays())
+    engine.take_results(all_of_them=True)
+    events = [event for event in engine.events if event.kind == "installation_known"]
+
+    told = sorted(
+        (event.detail.split(" is ")[0], event.t_ns % NS_PER_WEEK / NS_PER_S)
+        for event in events
+        if event.t_ns is not None
+    )
+    known = sorted(
+        (detail.split(" is ")[0], t) for detail, t in zip(wanted["detail"], wanted["time_s"], strict=True)
+    )
+    assert {"imu_time_offset_s", "lever_arm_z_m"} <= {name for name, _ in told}
+    assert [name for name, _ in told] == [name for name, _ in known]
+    np.testing.assert_allclose([t for _, t in told], [t for _, t in known], atol=1e-3)
