@@ -79,9 +79,10 @@ def _parse_mended(
     problem: str,
 ) -> None:
     """Add a damaged epoch to ``parsed``, read without its damaged cells or refused."""
-    mended, cells = without_damaged_cells(text.epochs[index], text.header, text.lines[index])
+    header = text.header_at(index)
+    mended, cells = without_damaged_cells(text.epochs[index], header, text.lines[index])
     try:
-        parsed.stretches.append(ParsedStretch(parse(text.header + mended), cells))
+        parsed.stretches.append(ParsedStretch(parse(header + mended), cells))
     except error:
         parsed.refused.append((text.lines[index], problem))
 

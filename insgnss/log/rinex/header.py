@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
+from insgnss.log.rinex.text import LABEL_COLUMN
 from insgnss.tables import Event
 
-_LABEL: Final = 60  # column where a line's label begins
 _QUOTED: Final = re.compile(r'in "(.*)"\s*$', re.DOTALL)  # the reader's error quotes the line
 # What the epochs cannot be read, dated or scaled without
 _NEEDED: Final = (
@@ -24,12 +23,12 @@ _END: Final = "END OF HEADER"
 _SLOTS: Final = "GLONASS SLOT / FRQ #"
 # RINEX 3.05, table A2: I3, 8(1X, A1, I2.2, 1X, I2); Android's GnssLogger writes the first line one column short
 _SLOT: Final = re.compile(r"R([ \d]\d) *([-+]?\d{1,2})(?!\d)")
-_COMMENT: Final = f"{'':{_LABEL}}COMMENT"  # in a line's place, it keeps the numbers of the lines
+_COMMENT: Final = f"{'':{LABEL_COLUMN}}COMMENT"  # in a line's place, it keeps the numbers of the lines
 _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z]{3})")
 
 
 def mended_header(
-    text: str, parse: Callable[[str], Any], error: type[Exception], path: Path
+    text: str, parse: Callable[[str], Any], error: type[Exception], path: str
 ) -> tuple[str, list[Event]]:
     """Return a text with its header lines repaired for the reader, as far as possible, and the repairs."""
     events: list[Event] = []
@@ -46,19 +45,19 @@ def mended_header(
         start = text.rfind("\n", 0, at) + 1
         stop = text.find("\n", at)
         line = text[start:stop]
-        label = line[_LABEL:].strip()
+        label = line[LABEL_COLUMN:].strip()
         written = _written(line, label)
         if not label or label in _NEEDED or written == line:
             break
         what = "left out" if written is None else "rewritten in its columns"
         events.append(
-            _mended(path, text.count("\n", 0, start) + 1, label, f"{what}: {line[:_LABEL].strip()}")
+            _mended(path, text.count("\n", 0, start) + 1, label, f"{what}: {line[:LABEL_COLUMN].strip()}")
         )
         text = text[:start] + (written or _COMMENT) + text[stop:]
     return text, events
 
 
-def slot_channels(text: str, path: Path) -> tuple[str, dict[str, int], list[Event]]:
+def slot_channels(text: str, path: str) -> tuple[str, dict[str, int], list[Event]]:
     """Return a text with its lines of GLONASS channels made comments, the channels, and an event of each unread part.
 
     The channels are read in whatever columns they stand, in the header and in later header records.
@@ -82,7 +81,7 @@ def slot_channels(text: str, path: Path) -> tuple[str, dict[str, int], list[Even
 
 
 def without_skipped_lines(
-    text: str, parse: Callable[[str], Any], error: type[Exception], path: Path
+    text: str, parse: Callable[[str], Any], error: type[Exception], path: str
 ) -> tuple[str, list[Event]]:
     """Return a text without the header lines that the reader cannot read and passes over, and an event of each."""
     begin = text.find(_END)
@@ -95,7 +94,7 @@ def without_skipped_lines(
         if not skipped:  # of nearly all files: no copy of the text
             return text, []
         for k, line in enumerate(lines[1:], start=1):
-            label = line[_LABEL:].strip()
+            label = line[LABEL_COLUMN:].strip()
             if not skipped:
                 break
             if not label or label in _NEEDED:
@@ -103,7 +102,7 @@ def without_skipped_lines(
             lines[k] = _COMMENT
             left = parse("\n".join(lines) + _END).skipped_records
             if left < skipped:
-                events.append(_mended(path, k + 1, label, f"left out: {line[:_LABEL].strip()}"))
+                events.append(_mended(path, k + 1, label, f"left out: {line[:LABEL_COLUMN].strip()}"))
             else:
                 lines[k] = line
             skipped = left
@@ -112,7 +111,7 @@ def without_skipped_lines(
     return "\n".join(lines) + text[begin:], events
 
 
-def _mended(path: Path, line: int, label: str, what: str) -> Event:
+def _mended(path: str, line: int, label: str, what: str) -> Event:
     return Event(None, "rinex_header_mended", f"{path}:{line}: {label}: {what}")
 
 
@@ -120,8 +119,11 @@ def _written(line: str, label: str) -> str | None:
     """Return a line in the columns of RINEX 2.11, table A1 (those of 3 and 4 are the same); None to leave it out."""
     if not label.startswith("TIME OF"):
         return None
-    found = _TIME.search(line[:_LABEL])
+    found = _TIME.search(line[:LABEL_COLUMN])
     if found is None:
         return None if label == "TIME OF LAST OBS" else line
     *civil, second, scale = found.groups()
-    return f"{''.join(f'{int(n):6d}' for n in civil)}{float(second):13.7f}     {scale}".ljust(_LABEL) + label
+    return (
+        f"{''.join(f'{int(n):6d}' for n in civil)}{float(second):13.7f}     {scale}".ljust(LABEL_COLUMN)
+        + label
+    )

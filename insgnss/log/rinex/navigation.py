@@ -19,11 +19,11 @@ from insgnss.errors import NavigationDataError
 from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
-from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
 from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date, read_state_vectors, state_vector_table
+from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {
@@ -75,9 +75,14 @@ def read_navigation(
     NavigationDataError : a file is not a RINEX navigation file, or there is no ephemeris in any
     """
     found = _NavigationContents()
+    files = []
     for path in paths:
-        text = _navigation_text(path)
-        _read_records(text, path, found)
+        parts, joining = rinex_files(path)
+        files += parts
+        found.events += joining
+    for file in files:
+        text = _navigation_text(file)
+        _read_records(text, file.name, found)
         found.klobuchar = _klobuchar(text) if found.klobuchar is None else found.klobuchar
         found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
         found.ionosphere = read_ionosphere(text) | found.ionosphere
@@ -105,13 +110,13 @@ def read_navigation(
     return navigation, found.events
 
 
-def _navigation_text(path: Path) -> str:
-    text = file_text(path)
+def _navigation_text(file: JoinedFile) -> str:
+    text = file.text
     head = text[:400]
-    if "RINEX VERSION / TYPE" not in head or head[20:21] not in "NGELJCRIHS":
+    if FIRST_LABEL not in head or head[20:21] not in "NGELJCRIHS":
         raise NavigationDataError(
             "not a RINEX navigation file",
-            file=path,
+            file=file.name,
             advice="the first line must say so: 'N: GNSS NAV DATA'",
         )
     version = text[:9].strip()
@@ -121,7 +126,7 @@ def _navigation_text(path: Path) -> str:
     return text
 
 
-def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
+def _read_records(text: str, path: str, found: _NavigationContents) -> None:
     """Add the messages of a file, and an event for damaged ones or those of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
@@ -158,7 +163,7 @@ def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
         found.events.append(Event(None, "navigation_not_used", detail))
 
 
-def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[Event]) -> None:
+def _tell_damage(damaged: list[tuple[int, str, str]], path: str, events: list[Event]) -> None:
     """Add an event for each damaged message (line, satellite, reason) up to a number, then one with the total."""
 
     def event(message: tuple[int, str, str]) -> Event:
@@ -168,7 +173,7 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[E
     events += first_events(sorted(damaged), event, path, "messages refused")
 
 
-def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
+def _tell_channels(states: list[StateVector], path: str, events: list[Event]) -> None:
     """Add an event that names the GLONASS satellites whose channel the file does not state."""
     without = sorted(
         {state.sv for state in states if state.sv[0] == "R" and state.channel == UNKNOWN_CHANNEL}

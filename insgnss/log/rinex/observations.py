@@ -6,7 +6,6 @@ What it returns becomes the package's own table, times as integer nanoseconds of
 from __future__ import annotations
 
 import datetime as dt
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +15,6 @@ from insgnss.errors import InputError
 from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
-from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
@@ -24,12 +22,11 @@ from insgnss.log.rinex.hatanaka import sound_start
 from insgnss.log.rinex.header import mended_header, slot_channels, without_skipped_lines
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
-from insgnss.log.rinex.text import split_epochs
+from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, split_epochs
 from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements
 OBSERVATION_FLAGS: Final = (0, 1)
-_LINE_END: Final = re.compile(r"\r*\n|\r")
 
 
 def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTable, list[Event]]:
@@ -53,15 +50,33 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
     parts = []
     events: list[Event] = []
     for path in paths:
-        part, found = _read_observation_file(path, offset_s)
-        parts.append(part)
+        tables, found = _read_path(path, offset_s)
+        parts += tables
         events += found
     table, reordered = in_time_order(joined(parts), str(paths[0]))
     return table, events + reordered
 
 
-def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
-    text, events = _observation_text(path)
+def _read_path(path: Path, offset_s: float) -> tuple[list[GnssTable], list[Event]]:
+    """Return the tables of a file, several where files were joined to one; an unreadable one of these is an event."""
+    files, events = rinex_files(path)
+    tables: list[GnssTable] = []
+    for file in files:
+        try:
+            table, found = _read_observation_file(file, offset_s)
+        except InputError as error:
+            if file is files[-1] and not tables:
+                raise
+            events.append(Event(None, "rinex_part_not_read", error.message))
+            continue
+        tables.append(table)
+        events += found
+    return tables, events
+
+
+def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable, list[Event]]:
+    path = file.name
+    text, events = _observation_text(file)
     text, channels, more_events = slot_channels(text, path)
     events += more_events
     text, more_events = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
@@ -89,7 +104,7 @@ def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list
     return table, events
 
 
-def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
+def _damage_events(parsed: ParsedText, path: str) -> list[Event]:
     """Return an event for each refused epoch and each lost value up to a number, then one with the total."""
 
     def epoch(refused: tuple[int, str]) -> Event:
@@ -105,16 +120,13 @@ def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
     return refused + first_events(cells, value, path, "values refused")
 
 
-def _observation_text(path: Path) -> tuple[str, list[Event]]:
-    """Return the file's text, line ends made one kind, Hatanaka compression undone as far as it goes."""
-    text = file_text(path)
+def _observation_text(file: JoinedFile) -> tuple[str, list[Event]]:
+    """Return the file's text, Hatanaka compression undone as far as it goes."""
+    text, path = file.text, file.name
     events: list[Event] = []
-    if "\r" in text:
-        text = _LINE_END.sub("\n", text)
     if "CRINEX VERS" in text[:200]:
-        text, more_events = _unpacked(text, path)
-        events += more_events
-    if "RINEX VERSION / TYPE" not in text[:400]:
+        text, events = _unpacked(text, path)
+    if FIRST_LABEL not in text[:400]:
         raise InputError(
             "not a RINEX file: the first line lacks 'RINEX VERSION / TYPE'",
             file=path,
@@ -123,7 +135,7 @@ def _observation_text(path: Path) -> tuple[str, list[Event]]:
     return text, events
 
 
-def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
+def _unpacked(text: str, path: str) -> tuple[str, list[Event]]:
     """Return the text without the Hatanaka compression: all of it, or the part before the first damage."""
     try:
         return sidereon.decode_crinex(text), []
@@ -140,7 +152,7 @@ def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
 
 
 def _collect(
-    product: Any, damaged_cells: Sequence[DamagedCell], values: ObservationValues, offset_ns: int, path: Path
+    product: Any, damaged_cells: Sequence[DamagedCell], values: ObservationValues, offset_ns: int, path: str
 ) -> list[Event]:
     """Append the product's observations to ``values``; epochs that report an event are passed over with one of ours."""
     values.version = product.header.version

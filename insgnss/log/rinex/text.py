@@ -1,15 +1,76 @@
-"""RINEX observation text cut into its header and epochs."""
+"""RINEX text: files joined in one cut apart, observations cut into their header and epochs."""
 
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from insgnss.log.files import file_text
+from insgnss.tables import Event
+
+_LINE_END: Final = re.compile(r"\r*\n|\r")
+LABEL_COLUMN: Final = 60  # column where a header line's label begins
+FIRST_LABEL: Final = "RINEX VERSION / TYPE"
+_FIRST_PACKED_LABEL: Final = "CRINEX VERS   / TYPE"
 
 # RINEX 3 and 4 mark each epoch with ">"; RINEX 2.11, table A2: "1X,I2.2,4(1X,I2),F11.7,2X,I1,I3"
 _EPOCH_3: Final = re.compile(r"^>", re.MULTILINE)
 _EPOCH_2: Final = re.compile(r"^ \d\d(?: [ \d]\d){4}[ \d]{3}\.\d{7}  \d[ \d]{2}\d", re.MULTILINE)
+
+
+# what says how the epochs after it are read; it may come again among the epochs, in an event of flag 4
+_TYPES: Final = re.compile(
+    r"^.{60}(?:# / TYPES OF OBSERV|SYS / # / OBS TYPES|SYS / SCALE FACTOR).*$", re.MULTILINE
+)
+
+
+class JoinedFile(NamedTuple):
+    """One of the files in a text, and what messages call it."""
+
+    name: str  # the path; of a later file of the same text with the line where it begins
+    text: str
+
+
+def rinex_files(path: Path) -> tuple[list[JoinedFile], list[Event]]:
+    """Return the RINEX files in a file, with one kind of line end, and an event if there are several.
+
+    Hourly files are often joined into one, each with its own header. A later header may list other observations, in
+    another order, than the first.
+
+    Raises
+    ------
+    InputError or a subclass : the file cannot be read
+    """
+    text = file_text(path)
+    if "\r" in text:
+        text = _LINE_END.sub("\n", text)
+    packed = _FIRST_PACKED_LABEL in text[: 2 * LABEL_COLUMN]
+    starts = [0, *_later_headers(text, _FIRST_PACKED_LABEL if packed else FIRST_LABEL)]
+    if len(starts) == 1:
+        return [JoinedFile(str(path), text)], []
+    lines = [text.count("\n", 0, start) + 1 for start in starts]
+    files = [
+        JoinedFile(str(path) if line == 1 else f"{path}, joined at line {line}", text[begin:end])
+        for line, (begin, end) in zip(lines, pairwise([*starts, len(text)]), strict=True)
+    ]
+    listed = ", ".join(map(str, lines[1:6])) + (", ..." if len(lines) > 6 else "")
+    detail = f"{path}: {len(files)} RINEX files joined; further headers at line(s) {listed}"
+    return files, [Event(None, "rinex_joined", detail)]
+
+
+def _later_headers(text: str, label: str) -> Iterator[int]:
+    """Yield where the header of each file after the first begins."""
+    at = text.find(label, 2 * LABEL_COLUMN)
+    while at >= 0:
+        start = text.rfind("\n", 0, at) + 1
+        if at - start == LABEL_COLUMN:
+            yield start
+        at = text.find(label, at + len(label))
 
 
 @dataclass(frozen=True)
@@ -19,10 +80,36 @@ class ObservationText:
     header: str
     epochs: tuple[str, ...]
     lines: tuple[int, ...]
+    later_types: tuple[
+        tuple[int, str], ...
+    ] = ()  # lists of observations among the epochs: of which, the line
+
+    def header_at(self, index: int) -> str:
+        """Return the header that holds at an epoch: the file's, with the lists of observations that came since."""
+        later = [line for epoch, line in self.later_types if epoch < index]
+        if not later:
+            return self.header
+        renewed = {_whose_types(line) for line in later if line[:6].strip()}
+        kept: list[str] = []
+        whose = ("", "")
+        for line in self.header.splitlines():
+            if line[LABEL_COLUMN:].startswith("END OF HEADER"):
+                kept += later
+            whose = (
+                _whose_types(line) if line[:6].strip() else whose
+            )  # a line that goes on with the list above
+            if not (_TYPES.match(line) and whose in renewed):
+                kept.append(line)
+        return "\n".join(kept) + "\n"
 
     def part(self, start: int, end: int) -> str:
         """Return a RINEX text of the epochs ``start`` to ``end`` (excluded)."""
-        return self.header + "".join(self.epochs[start:end])
+        return self.header_at(start) + "".join(self.epochs[start:end])
+
+
+def _whose_types(line: str) -> tuple[str, str]:
+    """Return the label and the system of a list of observations."""
+    return line[LABEL_COLUMN:].strip(), line[:1]
 
 
 def version_of(text: str) -> float:
@@ -46,4 +133,5 @@ def split_epochs(text: str) -> ObservationText:
     for epoch in epochs:
         lines.append(line)
         line += epoch.count("\n")
-    return ObservationText(header, tuple(epochs), tuple(lines))
+    later = tuple((bisect_right(starts, match.start()) - 1, match[0]) for match in _TYPES.finditer(body))
+    return ObservationText(header, tuple(epochs), tuple(lines), later)
