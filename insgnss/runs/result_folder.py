@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -166,7 +167,9 @@ def _file_of(folder: Path, table: str) -> Path:
 
 def _from_parquet(path: Path) -> pd.DataFrame:
     try:
-        with path.open("rb") as file:  # whose name need not be UTF-8, as the library wants it
+        # a file of Arrow's own: a Python file would be let go by one of Arrow's threads, and a process that ends just
+        # then is aborted; its name is bytes, as it need not be UTF-8
+        with pa.OSFile(os.fsencode(path)) as file:
             return pd.read_parquet(file, page_checksum_verification=True)
     except Exception as error:  # damaged bytes: the library's errors are of many kinds
         _damaged(path, error)

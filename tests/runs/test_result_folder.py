@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Literal
 
+import pandas as pd
+import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
@@ -64,3 +66,16 @@ def test_replay_over_the_old_files_is_advised_for_a_run_of_ours_alone(
         Run.load(folder)
 
     assert refused.value.advice.endswith(f"--output {place}")
+
+
+def test_no_thread_of_the_table_library_holds_a_file_of_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # such a thread closes it when it likes: a command that ended just then was aborted (exit code 134), 4 times in 120
+    folder = small_run().save(tmp_path / "run")
+    read, handed = pd.read_parquet, []
+    monkeypatch.setattr(pd, "read_parquet", lambda file, **more: [handed.append(file), read(file, **more)][1])
+
+    Run.load(folder)
+
+    assert handed and all(isinstance(file, pa.OSFile) for file in handed)
