@@ -6,18 +6,38 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
+from insgnss.units import RAD_PER_DEG
 
 OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
 FIX_3D: Final = 3  # kind of fix, as u-blox and PX4 number them
 _LARGEST_SIGMA: Final = 1e6
 _LARGEST_HEIGHT_M: Final = 1e8
+_LEAST_RADIUS_M: Final = 1e6
 
 
 def on_earth(place: Float64) -> Bool:
     """Return which places (n, 3), latitude, longitude [deg], height [m], can be: damaged bytes may give any number."""
     limits = np.array([90.0, 360.0, _LARGEST_HEIGHT_M])
     return np.asarray((np.abs(place) <= limits).all(axis=1))  # false for NaN
+
+
+def from_earth_axes(r_e: Float64, v_e: Float64) -> tuple[Float64, Float64]:
+    """Return places (n, 3), latitude, longitude [deg], height [m], and velocities (n, 3) north, east, down [m/s].
+
+    Parameters
+    ----------
+    r_e, v_e : (n, 3) along the axes x, y, z of the Earth [m], [m/s]; a place far from the Earth's surface gives NaN
+    """
+    place, velocity, C_ne = np.full(r_e.shape, np.nan), np.full(r_e.shape, np.nan), np.empty((3, 3))
+    radius_m = np.linalg.norm(r_e, axis=1)
+    for k in np.flatnonzero((radius_m > _LEAST_RADIUS_M) & (radius_m < _LARGEST_HEIGHT_M)).tolist():
+        lat, lon, h_m = ecef_to_geodetic(r_e[k])
+        ecef_to_ned_matrix(lat, lon, C_ne)
+        place[k], velocity[k] = (lat / RAD_PER_DEG, lon / RAD_PER_DEG, h_m), C_ne @ v_e[k]
+    return place, velocity
 
 
 def distinct_rows(t_ns: Int64, good: Bool) -> Int64:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from insgnss.errors import InputError
+from insgnss.gpstime import ns_to_utc
 from insgnss.log.android.reader import read_android
 from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format
+from insgnss.log.files import file_buffer
 from insgnss.log.nmea import read_nmea
 from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog
@@ -24,11 +28,38 @@ from insgnss.log.ulog.reader import read_ulog
 def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
     """Read the files of one receiver, all of one format.
 
+    Where a binary log holds no solution of its own kind, the fixes of the NMEA sentences in it are the solution.
+
     Raises
     ------
     InputError or a subclass : a file is unreadable, holds no usable data, or the format allows only one file
     """
-    return _READERS[kind](paths, declared)
+    if kind not in _WITH_NMEA:
+        return _READERS[kind](paths, declared)
+    try:
+        log = _READERS[kind](paths, declared)
+    except InputError:
+        sentences = _nmea_inside(paths, declared.date)
+        if sentences is None:
+            raise
+        return sentences
+    if log.solution is not None or log.fixes is not None:
+        return log
+    first_day = ns_to_utc(log.span_ns()[0]).astype("datetime64[D]").item()
+    sentences = _nmea_inside(paths, declared.date or first_day)
+    if sentences is None:
+        return log
+    return replace(log, solution=sentences.solution, events=log.events + sentences.events)
+
+
+def _nmea_inside(paths: Sequence[Path], date: dt.date | None) -> ReceiverLog | None:
+    """Return the fixes of the NMEA sentences between the messages of another format, None without any."""
+    if not any(b"GGA," in file_buffer(path).to_pybytes() for path in paths):
+        return None
+    try:
+        return read_nmea(paths, date)
+    except InputError:
+        return None
 
 
 def _rinex(paths: Sequence[Path]) -> ReceiverLog:
@@ -47,6 +78,7 @@ def _alone(kind: Format, paths: Sequence[Path]) -> Path:
     return paths[0]
 
 
+_WITH_NMEA: Final = ("ubx", "sbf", "novatel", "rtcm")  # receivers send both over one port
 _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], ReceiverLog]]] = {
     "ubx": lambda paths, _: read_ubx(paths),
     "sbf": lambda paths, _: read_sbf(*paths),

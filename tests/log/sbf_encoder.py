@@ -109,6 +109,22 @@ def fix(tow_s: float, mode: int = 4, error: int = 0, accuracies_cm: tuple[int, i
     return block(4007, body + struct.pack("<BHHHHB", 1, 0, 50, *accuracies_cm, 0), revision=2)
 
 
+def cartesian_fix(
+    tow_s: float, r_m: tuple[float, ...], v_mps: tuple[float, ...], mode: int = 4, error: int = 0
+) -> bytes:
+    """PVTCartesian of revision 0."""
+    body = time(tow_s) + struct.pack("<BB3dffff", mode, error, *r_m, -27.0, *v_mps)
+    body += struct.pack("<fdfBBBBHHIB", -2e10, 0.1, 0.2, 0, 0, 12, 0, 0, 0, 1, 0)
+    return block(4006, body, revision=0)
+
+
+def cartesian_covariances(number: int, tow_s: float, xyz: tuple[tuple[float, ...], ...]) -> bytes:
+    """PosCovCartesian (5905) or VelCovCartesian (5907) of a covariance along x, y, z."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = xyz
+    values = (xx, yy, zz, 0.25, xy, xz, 0.01, yz, 0.02, 0.03)
+    return block(number, time(tow_s) + struct.pack("<BB10f", 4, 0, *values), revision=0)
+
+
 def covariances(number: int, tow_s: float, variances: tuple[float, float, float], error: int = 0) -> bytes:
     """PosCovGeodetic (5906) or VelCovGeodetic (5908)."""
     others = (0.25, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)

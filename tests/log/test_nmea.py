@@ -15,18 +15,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, TimeError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import ns_to_week_seconds, utc_to_ns
 from insgnss.log.convert import convert
+from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.nmea import read_nmea
 from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver_files import read_receiver
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.report.nmea import as_nmea
 from insgnss.tables import ReferenceTable
 from tests.log.test_ubx_solution import pvt
+from tests.log.ubx_writing import frame, rawx
 from tests.report.runs import WEEK, made_run
 
 NOON = dt.datetime(2025, 8, 28, 12, 0, 0)
@@ -212,6 +216,35 @@ def test_any_damage_is_read_or_refused(
     except InputError:
         return
     assert found is not None and np.isfinite([found.lat_deg, found.lon_deg, found.h_m]).all()
+
+
+@pytest.mark.parametrize("dated", (True, False))
+def test_sentences_between_a_receivers_own_messages_are_its_solution(tmp_path: Path, dated: bool) -> None:
+    path = tmp_path / "log.ubx"
+    sentences = EPOCHS if dated else re.sub(rb"\$GNRMC[^$]*", b"", EPOCHS)
+    noon = utc_to_ns(NOON)
+    raw = rawx(noon % NS_PER_WEEK / 1e9, week=noon // NS_PER_WEEK)
+    path.write_bytes(raw + sentences)
+    log = read_receiver("ubx", [path], LogDeclarations())
+    assert len(log.gnss.t_ns) == 1 and log.solution is not None and len(log.solution.t_ns) == 4
+    assert log.solution.t_ns[0] == noon and log.satellite_fixes() is log.solution
+    assert "GGA and RMC" in told(log)["reference_own"]
+    # the receiver's binary solution counts more
+    path.write_bytes(raw + sentences + pvt() + pvt(250) + pvt(500))
+    own = read_receiver("ubx", [path], LogDeclarations()).solution
+    assert own is not None and len(own.t_ns) == 3
+
+
+def test_fixes_of_a_log_whose_own_messages_hold_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "log.ubx"
+    acknowledged = frame(0x0501, b"\x06\x8a")
+    path.write_bytes(acknowledged + EPOCHS + acknowledged)
+    assert detect_format(path) == "ubx"
+    log = read_receiver("ubx", [path], LogDeclarations())
+    assert log.solution is not None and len(log.solution.t_ns) == 4 and not len(log.gnss.t_ns)
+    path.write_bytes(acknowledged + gga(quality="0").encode() * 3)
+    with pytest.raises(InputError, match="the UBX file holds no raw measurement"):
+        read_receiver("ubx", [path], LogDeclarations())
 
 
 @pytest.mark.real_data

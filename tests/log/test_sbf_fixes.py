@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pytest
 from pysbf2 import SBFReader
 
@@ -16,7 +17,15 @@ from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf.reader import read_sbf
-from tests.log.sbf_encoder import WEEK, covariances, fix, ins_solution, sensor
+from tests.log.sbf_encoder import (
+    WEEK,
+    cartesian_covariances,
+    cartesian_fix,
+    covariances,
+    fix,
+    ins_solution,
+    sensor,
+)
 
 
 def read(folder: Path, *blocks: bytes) -> ReceiverLog:
@@ -64,6 +73,38 @@ def test_fields_are_those_of_another_parser() -> None:
     assert (velocity.Cov_VnVn, velocity.Cov_VeVe, velocity.Cov_VuVu) == pytest.approx(
         (0.0016, 0.0025, 0.0036)
     )
+
+
+def test_fixes_along_the_axes_of_the_earth_are_read_where_there_are_no_others(tmp_path: Path) -> None:
+    lat, lon, h_m = 53.45, -2.24, 81.5
+    r_e = pymap3d.geodetic2ecef(lat, lon, h_m)
+    v_e = pymap3d.enu2uvw(3.0, 4.0, -0.5, lat, lon)  # east, north, up
+    # axes north, east, up as columns
+    axes = np.column_stack([pymap3d.enu2uvw(*enu, lat, lon) for enu in ((0, 1, 0), (1, 0, 0), (0, 0, 1))])
+
+    def covariance(*variances: float) -> tuple[tuple[float, ...], ...]:
+        return tuple(map(tuple, axes @ np.diag(variances) @ axes.T))
+
+    blocks = [
+        cartesian_fix(340_000.0, r_e, v_e),
+        cartesian_covariances(5905, 340_000.0, covariance(0.25, 0.09, 0.64)),
+        cartesian_covariances(5907, 340_000.0, covariance(0.0016, 0.0025, 0.0036)),
+        cartesian_fix(340_000.5, r_e, (-2e10,) * 3),
+        cartesian_fix(340_001.0, r_e, v_e, mode=0),
+        cartesian_fix(340_001.5, (-2e10,) * 3, v_e),
+        cartesian_fix(340_002.0, (math.nan,) * 3, v_e),
+    ]
+    log = read(tmp_path, *blocks)
+    own = log.solution
+    assert own is not None and own.sigma is not None and len(own.t_ns) == 2
+    assert (own.lat_deg[0], own.lon_deg[0]) == pytest.approx((lat, lon), abs=1e-9)
+    assert own.h_m[0] == pytest.approx(h_m, abs=1e-4)
+    assert own.v_n[0] == pytest.approx([4.0, 3.0, 0.5], abs=1e-6) and np.isnan(own.v_n[1]).all()
+    assert own.sigma[0, :6] == pytest.approx([0.5, 0.3, 0.8, 0.04, 0.05, 0.06], rel=1e-4)
+    told = {event.kind: event.detail for event in log.events}
+    assert "PVTCartesian" in told["reference_own"] and "3 PVTCartesian block(s)" in told["sbf_no_solution"]
+    others = read(tmp_path, *blocks, fix(340_000.0), fix(341_000.0)).solution
+    assert others is not None and others.lat_deg[0] == pytest.approx(math.degrees(0.5))
 
 
 def test_blocks_that_are_no_fix_in_three_dimensions_are_counted(tmp_path: Path) -> None:

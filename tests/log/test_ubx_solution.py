@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import math
 import struct
 from pathlib import Path
 
@@ -9,10 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyubx2 import UBXReader
 
 from insgnss.config.flight import Reference
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError
+from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
@@ -44,6 +48,27 @@ def pvt(
     struct.pack_into("<iii", body, 48, 1250, -2, 30)
     struct.pack_into("<I", body, 68, 70)
     return frame(0x0107, bytes(body))
+
+
+def sol(after_ms: int = 0, *, fix: int = 3, flags: int = 0x0D) -> bytes:
+    """Return a NAV-SOL of 52 bytes: 45 deg east on the equator, 100 m high, going 5 m/s north, 3 up."""
+    body = bytearray(52)
+    struct.pack_into("<IihBB", body, 0, NOON_MS + after_ms, 250, 2381, fix, flags)
+    xy_cm = round((6_378_137.0 + 100.0) * 100.0 / math.sqrt(2.0))
+    v_cmps = round(300.0 / math.sqrt(2.0))
+    struct.pack_into("<iiiI", body, 12, xy_cm, xy_cm, 0, 250)
+    struct.pack_into("<iiiI", body, 28, v_cmps, v_cmps, 500, 12)
+    return frame(0x0106, bytes(body))
+
+
+def hpposllh(after_ms: int = 0, *, flags: int = 0, lat: int = -473_000_000) -> bytes:
+    """Return a NAV-HPPOSLLH of 36 bytes: the place of ``pvt`` with more digits."""
+    body = bytearray(36)
+    struct.pack_into("<BxxBI", body, 0, 0, flags, NOON_MS + after_ms)
+    struct.pack_into("<iii", body, 8, 85_000_001, lat, 612_345)
+    struct.pack_into("<bbb", body, 24, 37, -42, 6)
+    struct.pack_into("<II", body, 28, 123, 456)
+    return frame(0x0114, bytes(body))
 
 
 FIXES = b"".join(pvt(250 * k) for k in range(6))
@@ -135,3 +160,49 @@ def test_solutions_of_any_content_with_a_sound_check_sum_are_read_or_left_out(
     assert own is not None and len(own.t_ns) >= 6 and (np.diff(own.t_ns) > 0).all()
     assert np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all() and np.isfinite(own.v_n).all()
     assert np.abs(own.lat_deg).max() <= 90.0
+
+
+def test_solution_of_an_older_receiver_is_along_the_axes_of_the_earth(tmp_path: Path) -> None:
+    log = read(tmp_path, sol(), sol(200), sol(400, fix=2), sol(600, flags=0x01), sol(800, fix=4, flags=0x0C))
+    own = log.solution
+    assert own is not None and own.sigma is not None and log.solution_from == "satellites"
+    assert own.t_ns.tolist() == [T0, T0 + 200_000_000]
+    assert (own.lat_deg[0], own.lon_deg[0]) == pytest.approx((0.0, 45.0), abs=1e-9)
+    assert own.h_m[0] == pytest.approx(100.0, abs=0.01)
+    assert own.v_n[0] == pytest.approx([5.0, 0.0, -3.0], abs=0.01)
+    assert own.sigma[0, :6] == pytest.approx([2.5] * 3 + [0.12] * 3)
+    assert "NAV-SOL" in {event.kind: event.detail for event in log.events}["reference_own"]
+    parsed = UBXReader.parse(sol())
+    assert (parsed.week, parsed.ecefVZ, parsed.pAcc, parsed.sAcc) == (2381, 500, 250, 12)
+
+
+def test_newer_solution_is_preferred(tmp_path: Path) -> None:
+    own = read(tmp_path, sol(), FIXES, sol(200)).solution
+    assert own is not None and len(own.t_ns) == 6
+
+
+def test_further_digits_of_a_place_are_used(tmp_path: Path) -> None:
+    log = read(tmp_path, FIXES, hpposllh(250), hpposllh(500, flags=1), hpposllh(750, lat=-473_000_100))
+    own = log.solution
+    assert own is not None and own.sigma is not None
+    ((_, parsed),) = UBXReader(io.BytesIO(hpposllh(250)))
+    assert (own.lat_deg[1], own.lon_deg[1]) == pytest.approx((parsed.lat, parsed.lon), abs=1e-12)
+    assert own.h_m[1] == pytest.approx(parsed.height * 1e-3, abs=1e-7)
+    assert own.sigma[1, :3] == pytest.approx([0.0123, 0.0123, 0.0456])
+    # one that is not valid, one of another place, and none
+    assert own.lat_deg[[0, 2, 3, 4]].tolist() == pytest.approx([-47.3] * 4, abs=1e-12)
+    assert own.sigma[2, :3] == pytest.approx([1.5, 1.5, 2.5])
+    assert "ubx_not_used" not in {event.kind for event in log.events}
+
+
+@pytest.mark.real_data
+def test_real_solution_of_an_older_receiver_is_its_place_in_another_message(data_root: Path) -> None:
+    path = data_root / "ubx_inertial" / "ublox-neo-m8t.log"
+    own = read_ubx([path]).solution
+    with path.open("rb") as stream:
+        others = [m for _, m in UBXReader(stream, quitonerror=0) if m.identity == "NAV-POSECEF"]
+    assert own is not None and own.sigma is not None and len(own.t_ns) == len(others)
+    r_e = np.empty(3)
+    for k, other in enumerate(others):
+        geodetic_to_ecef(math.radians(own.lat_deg[k]), math.radians(own.lon_deg[k]), own.h_m[k], r_e)
+        assert r_e == pytest.approx(np.array([other.ecefX, other.ecefY, other.ecefZ]) / 100.0, abs=1e-6)

@@ -41,6 +41,8 @@ _LNAV: Final = (
 )
 _KLOBUCHAR: Final = (*_TIME, ("svid", "u1"), ("", "u1"), ("coefficients", "<f4", (8,)))
 _COVARIANCES: Final = (*_TIME, ("mode", "u1"), ("error", "u1"), ("variance", "<f4", (3,)))
+# of x, y, z and the clock: the variances, then xy, xz, x and clock, yz, ...
+_COVARIANCES_ECEF: Final = (*_TIME, ("mode", "u1"), ("error", "u1"), ("covariance", "<f4", (10,)))
 _UTC: Final = (("a1", "<f4"), ("a0", "<f8"), ("tot_s", "<u4"), ("week_t", "u1"), ("leap", "i1"))
 
 
@@ -53,8 +55,8 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
 INS_NAV: Final = 4226
-PVT: Final = 4007
-POS_COV, VEL_COV = 5906, 5908
+PVT_ECEF, PVT = 4006, 4007
+POS_COV_ECEF, POS_COV, VEL_COV_ECEF, VEL_COV = 5905, 5906, 5907, 5908
 GPS_NAV, GPS_ION, GPS_UTC = 5891, 5893, 5894
 GAL_NAV, GAL_ION = 4002, 4030
 GLO_NAV: Final = 4004
@@ -78,6 +80,12 @@ LAYOUTS: Final = {
         *(*_TIME, ("mode", "u1"), ("error", "u1"), ("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8")),
         *(("undulation_m", "<f4"), ("v_neu", "<f4", (3,))),
     ),
+    PVT_ECEF: _layout(
+        *(*_TIME, ("mode", "u1"), ("error", "u1"), ("r_m", "<f8", (3,)), ("undulation_m", "<f4")),
+        ("v_mps", "<f4", (3,)),
+    ),
+    POS_COV_ECEF: _layout(*_COVARIANCES_ECEF),
+    VEL_COV_ECEF: _layout(*_COVARIANCES_ECEF),
     POS_COV: _layout(*_COVARIANCES),
     VEL_COV: _layout(*_COVARIANCES),
     GPS_NAV: _layout(*_LNAV),

@@ -1,9 +1,9 @@
-"""SBF's PVTGeodetic, the receiver's fixes from satellites, as a reference with sigmas, quality 2: no truth.
+"""SBF's PVTGeodetic (else PVTCartesian), the receiver's fixes from satellites, as a reference with sigmas, quality 2.
 
 AsteRx SBi reference guide, "PVTGeodetic", "PosCovGeodetic", "VelCovGeodetic": angles in rad, velocity north, east, up.
 Sigmas are those of the covariances of the same time. Where they are not logged, those of the place are half of the
 accuracies that PVTGeodetic states from its revision 2 on: twice the rms of the distance across, twice the sigma of the
-height.
+height. PVTCartesian, PosCovCartesian and VelCovCartesian state the same numbers along the axes x, y, z of the Earth.
 """
 
 from __future__ import annotations
@@ -13,13 +13,18 @@ from typing import Any, Final
 
 import numpy as np
 
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.log.files import records
-from insgnss.log.own_solution import distinct_rows, own_reference, stated_sigmas
+from insgnss.log.own_solution import distinct_rows, from_earth_axes, own_reference, stated_sigmas
 from insgnss.log.sbf.blocks import (
     FLOAT_MISSING,
+    LAYOUTS,
     POS_COV,
+    POS_COV_ECEF,
     PVT,
+    PVT_ECEF,
     VEL_COV,
+    VEL_COV_ECEF,
     Blocks,
     block_length,
     block_records,
@@ -28,34 +33,76 @@ from insgnss.log.sbf.blocks import (
 )
 from insgnss.log.sbf.solution import solved_rows
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
+from insgnss.units import RAD_PER_DEG
 
 _MODE_MASK, _FIX_2D = 0x0F, 0x80  # of the byte that names the kind of solution
 _ACCURACIES: Final = np.dtype([("cm", "<u2", (2,))])  # across, height
 _ACCURACIES_AT: Final = 90  # byte of the block
 _NOT_STATED: Final = 65_534  # larger, or not known
 _M_PER_CM: Final = 0.01
+_UP: Final = np.array([1.0, 1.0, -1.0])
+NAMES: Final = {PVT: "PVTGeodetic", PVT_ECEF: "PVTCartesian"}
 
 
 def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Event]]:
     """Return the fixes in three dimensions, None with less than two; the other blocks are counted."""
-    rows = block_records(data, blocks, PVT)
+    kind = PVT if blocks.starts.get(PVT) else PVT_ECEF
+    rows = block_records(data, blocks, kind)
     if not len(rows):
         return None, []
+    if kind == PVT_ECEF:
+        rows = _geodetic(rows)
     in_space = (rows["mode"] & _MODE_MASK > 0) & (rows["mode"] & _FIX_2D == 0)
-    place, kept, events = solved_rows(
-        rows, in_space, "PVTGeodetic block(s) without a fix in three dimensions"
-    )
+    name = NAMES[kind]
+    place, kept, events = solved_rows(rows, in_space, f"{name} block(s) without a fix in three dimensions")
     if len(kept) < 2:
         return None, events
     t_ns = block_times_ns(rows[kept])
     sigma = np.full((len(kept), 9), np.nan)
-    for number, columns in ((POS_COV, slice(0, 3)), (VEL_COV, slice(3, 6))):
-        sigma[:, columns] = _sigmas(block_records(data, blocks, number), t_ns)
-    stated = _accuracies(data, np.array(blocks.starts[PVT], np.int64)[kept])
+    for (number, ecef), columns in (
+        ((POS_COV, POS_COV_ECEF), slice(0, 3)),
+        ((VEL_COV, VEL_COV_ECEF), slice(3, 6)),
+    ):
+        if kind == PVT:
+            stated_rows = block_records(data, blocks, number)
+        else:
+            stated_rows = _along_north_east_up(block_records(data, blocks, ecef), t_ns, place[kept])
+        sigma[:, columns] = _sigmas(stated_rows, t_ns)
+    stated = _accuracies(data, np.array(blocks.starts[kind], np.int64)[kept])
     sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), stated, sigma[:, :3])
     velocity = rows["v_neu"][kept].astype(np.float64)
-    velocity = np.where(velocity > FLOAT_MISSING, velocity, np.nan) * [1.0, 1.0, -1.0]
+    velocity = np.where(velocity > FLOAT_MISSING, velocity, np.nan) * _UP
     return own_reference(t_ns, place[kept], sigma, velocity=velocity), events
+
+
+def _geodetic(rows: Any) -> Any:
+    """Return blocks of PVTCartesian (n,) as those of PVTGeodetic; an impossible place becomes NaN."""
+    turned = np.zeros(len(rows), LAYOUTS[PVT])
+    for name in ("tow_ms", "week", "mode", "error"):
+        turned[name] = rows[name]
+    v_e = rows["v_mps"].astype(np.float64)
+    v_e[(v_e <= FLOAT_MISSING).any(axis=1)] = np.nan
+    place, velocity = from_earth_axes(rows["r_m"].astype(np.float64), v_e)
+    turned["lat_rad"], turned["lon_rad"], turned["h_m"] = (place * [RAD_PER_DEG, RAD_PER_DEG, 1.0]).T
+    turned["v_neu"] = velocity * _UP
+    return turned
+
+
+def _along_north_east_up(rows: Any, at_ns: Int64, place: Float64) -> Any:
+    """Return Cartesian covariances (n,) as variances north, east, up at the places (m, 3) of the fixes."""
+    turned = np.zeros(len(rows), LAYOUTS[POS_COV])
+    for name in ("tow_ms", "week", "mode", "error"):
+        turned[name] = rows[name]
+    place_of = dict(zip(at_ns.tolist(), place.tolist(), strict=True))
+    C_ne = np.empty((3, 3))
+    for k, t_ns in enumerate(block_times_ns(rows).tolist()):
+        if t_ns not in place_of:
+            continue
+        lat_deg, lon_deg, _ = place_of[t_ns]
+        ecef_to_ned_matrix(lat_deg * RAD_PER_DEG, lon_deg * RAD_PER_DEG, C_ne)
+        xx, yy, zz, _, xy, xz, _, yz, _, _ = rows["covariance"][k].astype(np.float64)
+        turned["variance"][k] = np.diag(C_ne @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ C_ne.T)
+    return turned
 
 
 def _sigmas(rows: Any, at_ns: Int64) -> Float64:

@@ -22,6 +22,8 @@ from insgnss.log.sbf.blocks import (
     HEADER_LENGTH,
     LAYOUTS,
     MEAS_EPOCH,
+    PVT,
+    PVT_ECEF,
     SENSOR,
     Blocks,
     block_length,
@@ -30,7 +32,7 @@ from insgnss.log.sbf.blocks import (
     find_blocks,
     time_known,
 )
-from insgnss.log.sbf.fixes import fixes
+from insgnss.log.sbf.fixes import NAMES, fixes
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
@@ -45,7 +47,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
     reported. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
     Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
-    (INSNavGeod; PVTGeodetic of satellites alone) alone; the table of measurements is empty then.
+    (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the table of measurements is empty then.
 
     Raises
     ------
@@ -80,7 +82,11 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]
     navigation = found.navigation()
     if own is None and fixed is not None:
-        named.append(not_independent("PVTGeodetic, the receiver's fixes"))
+        named.append(
+            not_independent(
+                f"{NAMES[PVT] if blocks.starts.get(PVT) else NAMES[PVT_ECEF]}, the receiver's fixes"
+            )
+        )
         return ReceiverLog(gnss, navigation, imu, named, fixed)
     return ReceiverLog(gnss, navigation, imu, named, own, solution_from="filter", fixes=fixed)
 

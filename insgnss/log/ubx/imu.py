@@ -71,6 +71,7 @@ def imu_table(frames: UbxFrames, epoch_offset: Int64, epoch_ns: Int64) -> tuple[
     if line is None:
         detail = (
             f"{frames.path}: the sensor's time tags cannot be related to GPS time: too few epochs among them"
+            " (log UBX-NAV-PVT or NAV-TIMEGPS into the same file)"
         )
         return None, [Event(None, "imu_not_used", detail)]
     after_ns = np.rint(line.tick_s * (samples.tag - line.tag0) * NS_PER_S)

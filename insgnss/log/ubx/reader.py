@@ -1,7 +1,8 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
-Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVT, the
-receiver's own solution. In files without raw measurements it or NAV-TIMEGPS gives the time. Everything else is counted.
+Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVT with
+NAV-HPPOSLLH (else NAV-SOL), the receiver's own solution. In files without raw measurements it or NAV-TIMEGPS gives the
+time. Everything else is counted.
 Read by ``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
 """
 
@@ -23,12 +24,20 @@ from insgnss.log.ubx.imu import MEAS, RAW, imu_table
 from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
 from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
-from insgnss.log.ubx.solution import DATE_AND_TIME_VALID, PVT, PvtRows, pvt_rows, solution
+from insgnss.log.ubx.solution import (
+    DATE_AND_TIME_VALID,
+    HPPOSLLH,
+    PVT,
+    SOL,
+    SolvedEpochs,
+    solution,
+    solved_epochs,
+)
 from insgnss.tables import Event, ImuTable, Int64
 
 TIMEGPS: Final = 0x0120
 TM2: Final = 0x0D03
-KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, TIMEGPS, TM2}
+KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, SOL, HPPOSLLH, TIMEGPS, TM2}
 _TM2_LAYOUT: Final = np.dtype(
     [("channel", "u1"), ("flags", "u1"), ("count", "<u2"), ("week_rise", "<u2"), ("week_fall", "<u2")]
     + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
@@ -67,7 +76,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
     imu: list[ImuTable] = []
     events: list[Event] = []
     messages = UbxMessages()
-    solved: list[PvtRows] = []
+    solved: list[SolvedEpochs] = []
     for frames in files:
         if not frames.count:
             raise InputError(
@@ -75,7 +84,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
                 file=frames.path,
                 advice="give the receiver's own log; NMEA holds no measurements",
             )
-        solved.append(pvt_rows(frames))
+        solved.append(solved_epochs(frames))
         part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
         offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _times_without_raw(frames, solved[-1])
         messages.add_file(frames, offset, t_ns)
@@ -139,9 +148,9 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
     return events
 
 
-def _times_without_raw(frames: UbxFrames, solved: PvtRows) -> tuple[Int64, Int64]:
+def _times_without_raw(frames: UbxFrames, solved: SolvedEpochs) -> tuple[Int64, Int64]:
     """Return where the receiver's solutions, else NAV-TIMEGPS, lie in a file, and their GPS times."""
-    return (solved.offsets, solved.t_ns) if frames.of(PVT) else _gps_times(frames)
+    return (solved.offsets, solved.t_ns) if len(solved.t_ns) else _gps_times(frames)
 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
