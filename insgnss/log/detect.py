@@ -54,6 +54,8 @@ _CONTROL: Final = bytes(c for c in (*range(32), 127) if c not in b"\t\n\r\f\x1b"
 # share of control characters in a text with a few damaged bytes; of random bytes 0.11
 _MOST_CONTROL: Final = 0.02
 _RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
+_SP3: Final = re.compile(r"#[a-d][PV ][ 12]\d{3} [ \d]\d [ \d]\d")
+_NO_LOGS: Final = {"C": ("satellite clocks (RINEX clock)", "precise"), "M": ("weather data (RINEX)", "")}
 # a file of inertial data alone may lack both the lines of raw measurements and their header
 _ANDROID: Final = re.compile(
     r"^(#\s*Raw\s*,.*TimeNanos|Raw,|#\s*(Uncal)?(Accel|Gyro)\s*,.*elapsedRealtimeNanos)", re.MULTILINE
@@ -80,7 +82,13 @@ def detect_format(path: Path) -> Format:
         return "rinex_observation"
     rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
     if rinex is not None:
-        return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
+        if rinex[1] in _NO_LOGS:
+            raise _no_log(path, *_NO_LOGS[rinex[1]])
+        return "rinex_observation" if rinex[1] in "Oo" else "rinex_navigation"
+    if _SP3.match(head):
+        raise _no_log(path, "precise orbits (SP3)", "precise")
+    if "ANTEX VERSION / SYST" in head:
+        raise _no_log(path, "phase centres of antennas (ANTEX)", "antennas")
     # a receiver's own format takes precedence over RTCM and NMEA in the same file
     own: dict[Format, int] = {
         "ubx": _framed_bytes(ubx_frames(path, data)),
@@ -100,6 +108,12 @@ def detect_format(path: Path) -> Format:
         file=path,
         advice=f"{_looks_like(data)}; supported: {', '.join(NAMES.values())}",
     )
+
+
+def _no_log(path: Path, what: str, key: str) -> InputError:
+    """Return the error of a file that belongs to a flight, but not of a receiver's log."""
+    advice = f"convert the log without it, and name it in the flight file as gnss.{key}" if key else ""
+    return InputError(f"the file holds {what}, no receiver's log", file=path, advice=advice)
 
 
 def _framed_bytes(frames: UbxFrames | NovatelFrames) -> int:

@@ -1,9 +1,10 @@
-"""Log files as bytes: unpacked when packed by gzip or compress (.Z), decoded, hashed for the record."""
+"""Log files as bytes: unpacked when packed by gzip, zip or compress (.Z), decoded, hashed for the record."""
 
 from __future__ import annotations
 
 import gzip
 import os
+import zipfile
 import zlib
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -19,6 +20,9 @@ from insgnss.tables import Int64
 
 GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
+ZIP_MAGIC = b"PK\x03\x04"
+_MAGIC_BYTES: Final = 4
+_UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 # Logs shrink to a third or a twentieth; a file of zeros to a thousandth
 MOST_TIMES: Final = 100
 _ALWAYS_ALLOWED_BYTES: Final = 1 << 26
@@ -31,7 +35,9 @@ def largest_unpacked(packed_bytes: int) -> int:
 
 
 def file_buffer(path: Path) -> pa.Buffer:
-    """Return the file's bytes without reading them yet (memory map), or unpacked when gzip or compress packed it.
+    """Return the file's bytes without reading them yet (memory map), or unpacked when gzip, zip or compress packed it.
+
+    A zip archive has to hold one file.
 
     Raises
     ------
@@ -43,18 +49,52 @@ def file_buffer(path: Path) -> pa.Buffer:
         if path.stat().st_size == 0:
             raise InputError("the file is empty", file=path, advice="check how it was recorded or copied")
         with path.open("rb") as stream:
-            magic = stream.read(2)
-        if magic == COMPRESS_MAGIC:
+            magic = stream.read(_MAGIC_BYTES)
+        if magic.startswith(COMPRESS_MAGIC):
             return _uncompressed(path)
-        if magic == GZIP_MAGIC:
+        if magic.startswith(GZIP_MAGIC):
             return _unpacked(path)
+        if magic == ZIP_MAGIC:
+            return _from_archive(path)
         return pa.memory_map(os.fsencode(path)).read_buffer()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"the gzip file is damaged or cut short: {error}", file=path, advice="copy it again"
         ) from error
+    except (
+        zipfile.BadZipFile,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:  # of another packing, with a password
+        raise InputError(
+            f"the zip archive cannot be unpacked: {error}", file=path, advice="unpack it, or copy it again"
+        ) from error
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _from_archive(path: Path) -> pa.Buffer:
+    """Return the content of the one file of a zip archive.
+
+    Raises
+    ------
+    InputError : it holds another number of files, or grows more than a hundredfold
+    OSError, EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError : it cannot be unpacked
+    """
+    with zipfile.ZipFile(path) as archive:
+        files = [entry for entry in archive.infolist() if not entry.is_dir()]
+        if len(files) != 1:
+            listed = ", ".join(entry.filename for entry in files[:5]) + (", ..." if len(files) > 5 else "")
+            raise InputError(
+                f"the zip archive holds {len(files)} files{': ' if listed else ''}{listed}",
+                file=path,
+                advice="unpack it and name the files that you want; save a spreadsheet as CSV",
+            )
+        unpacked = _UnpackedBytes(path, "zip", files[0].compress_size)
+        with archive.open(files[0]) as stream:
+            while piece := stream.read(_PIECE_BYTES):
+                unpacked.write(piece)
+    return unpacked.buffer()
 
 
 def _unpacked(path: Path) -> pa.Buffer:
@@ -123,7 +163,7 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
     read once only.
     """
     stream = path.open("rb")
-    if stream.read(2) in (GZIP_MAGIC, COMPRESS_MAGIC):
+    if stream.read(_MAGIC_BYTES).startswith((GZIP_MAGIC, COMPRESS_MAGIC, ZIP_MAGIC)):
         stream.close()
         unpacked: BinaryIO = pa.BufferReader(buffer)
         return unpacked
@@ -142,9 +182,14 @@ def records(
 
 
 def file_text(path: Path) -> str:
-    """Return the file's text, unpacked when packed; bytes that are not UTF-8 are read as Latin-1."""
+    """Return the file's text, unpacked when packed; bytes that are not UTF-8 are read as Latin-1.
+
+    A byte order mark names UTF-16, in which some shells write what a program prints.
+    """
     data: bytes = file_buffer(path).to_pybytes()
     try:
+        if data.startswith(_UTF16_MARKS):
+            return data.decode("utf-16")
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")

@@ -79,6 +79,22 @@ def test_unknown_content_is_refused_with_a_hint(tmp_path: Path, data: bytes, hin
         detect_format(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"{'     3.00           C':<60}RINEX VERSION / TYPE\n", r"clocks.*gnss\.precise"),
+        (f"{'     2.00           CLOCK DATA':<60}RINEX VERSION / TYPE\n", r"clocks.*gnss\.precise"),
+        ("#cP2015  8 29  0  0  0.00000000      96 ORBIT IGb08 HLM  IGS\n", r"SP3.*gnss\.precise"),
+        (f"{'     1.4            M':<60}ANTEX VERSION / SYST\n", r"ANTEX.*gnss\.antennas"),
+        (f"{'     3.05           M: METEOROLOGICAL DATA':<60}RINEX VERSION / TYPE\n", "weather"),
+    ],
+)
+def test_files_beside_a_log_are_told_where_they_belong(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "file").write_text(text)
+    with pytest.raises(InputError, match=f"(?s){words}"):
+        detect_format(tmp_path / "file")
+
+
 def test_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError):
         detect_format(tmp_path / "none.ubx")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import io
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +17,19 @@ from insgnss.log.files import byte_stream, file_buffer, file_text
 TEXT = "time_s,x,y,name\n1,2,3,a\n"
 # compress 4.2.4 of Debian: printf 'time_s,x,y,name\\n1,2,3,a\\n' | compress -c | xxd -p
 BY_COMPRESS = bytes.fromhex("1f9d9074d2b429f3650e0b3c2cf2b0701366a082182c64b098c1228c02")
-PACKERS = {"gz": gzip.compress, "Z": ncompress.compress}
+
+
+def zipped(data: bytes, *further: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.mkdir("logs")
+        archive.writestr("logs/brdc0010.21n", data)
+        for name in further:
+            archive.writestr(name, data)
+    return stream.getvalue()
+
+
+PACKERS = {"gz": gzip.compress, "Z": ncompress.compress, "zip": zipped}
 
 
 def written(tmp_path: Path, data: bytes, name: str = "brdc0010.21n.Z") -> Path:
@@ -47,3 +61,24 @@ def test_file_that_grows_beyond_belief_is_refused(tmp_path: Path, pack: Callable
     path = written(tmp_path, pack(bytes(80_000_000)))
     with pytest.raises(InputError, match="more than 100 times its size"):
         file_buffer(path)
+
+
+def test_the_one_file_of_an_archive_is_read(tmp_path: Path) -> None:
+    path = written(tmp_path, zipped(TEXT.encode()), "log.zip")
+    assert file_text(path) == TEXT
+    assert byte_stream(path, file_buffer(path)).read() == TEXT.encode()
+
+
+def test_archives_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+    several = zipped(TEXT.encode(), "second.21n")
+    with pytest.raises(InputError, match=r"holds 2 files: logs/brdc0010\.21n, second\.21n"):
+        file_buffer(written(tmp_path, several))
+    whole = zipped(TEXT.encode() * 100)
+    for damaged in (whole[:40], whole[:-10], whole[:60] + b"xx" + whole[62:]):
+        with pytest.raises(InputError, match=r"zip archive cannot be unpacked|damaged"):
+            file_buffer(written(tmp_path, damaged))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_text_with_a_byte_order_mark_is_read(tmp_path: Path, encoding: str) -> None:
+    assert file_text(written(tmp_path, TEXT.encode(encoding))) == TEXT
