@@ -25,6 +25,13 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=whole)
 
 
+def test_the_package_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "insgnss", "--version"]
+    told = subprocess.run(command, capture_output=True, text=True, check=False, cwd=REPOSITORY)
+
+    assert (told.returncode, told.stdout) == (0, run("--version").stdout)
+
+
 def test_help_tells_every_exit_code() -> None:
     told = CliRunner(env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"}).invoke(app, ["--help"]).output
 
