@@ -1,4 +1,4 @@
-"""RINEX files joined in one, and lists of observations that change among the epochs."""
+"""RINEX files joined in one, lists of observations that change among the epochs, lines that belong to no epoch."""
 
 from __future__ import annotations
 
@@ -109,6 +109,18 @@ def test_a_list_of_observations_that_changes_holds_from_there_on(
     assert set(table.pseudorange_m.tolist()) == {RANGE} and set(table.doppler_hz[sound].tolist()) == {DOPPLER}
     assert len(table.t_ns) == 3 + damaged
     assert ("rinex_value_damaged" in {event.kind for event in events}) == damaged
+
+
+def test_lines_that_no_epoch_counts_are_told(tmp_path: Path) -> None:
+    sound = header_3() + epoch_3(0, RANGE, PHASE, DOPPLER)
+    further = "G07" + cells(RANGE + 2, PHASE, DOPPLER)
+    table, events = read_rinex_obs([write(tmp_path, sound + further + epoch_3(1, RANGE, PHASE, DOPPLER))])
+    assert len(table.t_ns) == 2 and [event.kind for event in events] == ["rinex_lines_not_read"]
+    assert ": 1 line(s) belong to no epoch" in events[0].detail
+    twice = sound.replace("  0  1\n", "  0  2\n") + "G05" + cells(RANGE, PHASE, DOPPLER)
+    table, events = read_rinex_obs([write(tmp_path, twice)])
+    assert len(table.t_ns) == 1 and ": 1 line(s) name a satellite a second time" in events[0].detail
+    assert read_rinex_obs([write(tmp_path, sound + "\n\x1a\n")])[1] == []
 
 
 @pytest.mark.parametrize("end", ("\n", "\r\n", "\r"))

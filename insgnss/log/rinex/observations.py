@@ -94,6 +94,8 @@ def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable
     values = ObservationValues()
     for product, damaged_cells in parsed.stretches:
         events += _collect(product, damaged_cells, values, round(offset_s * NS_PER_S), path)
+    if len(parsed.stretches) == 1 and not parsed.refused:
+        events += _lost_lines(text, values, path)
     table = observation_rows(values, channels)
     if not len(table.t_ns):
         why = f": {parsed.refused[0][1]}" if parsed.refused else ""
@@ -102,6 +104,22 @@ def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable
         detail = f"{path}: {values.phases_alone} carrier phase(s) without pseudorange and Doppler left out"
         events.append(Event(None, "rinex_phase_alone", detail))
     return table, events
+
+
+def _lost_lines(text: str, values: ObservationValues, path: str) -> list[Event]:
+    """Return an event of lines that the reader passes over without a word (RINEX 3 and 4: a line a satellite)."""
+    if values.version < 3.0:
+        return []
+    written = text.count("\n", text.find("END OF HEADER"), len(text.rstrip("\n \x1a")))
+    counts = (
+        (written - values.lines, "belong to no epoch: the line of an epoch states too few satellites"),
+        (values.repeated, "name a satellite a second time in their epoch"),
+    )
+    return [
+        Event(None, "rinex_lines_not_read", f"{path}: {count} line(s) {why}; left out")
+        for count, why in counts
+        if count > 0
+    ]
 
 
 def _damage_events(parsed: ParsedText, path: str) -> list[Event]:
@@ -162,6 +180,7 @@ def _collect(
     events = []
     for index in range(product.epoch_count):
         epoch = product.epoch(index)
+        values.lines += 1 + epoch.declared_record_count
         civil_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds)
         t_ns = None if civil_ns is None else civil_ns + shift_ns
         if t_ns is not None and (civil_ns == NO_DATE or not is_date(t_ns)):
@@ -176,6 +195,7 @@ def _collect(
             events.append(Event(t_ns, "rinex_event", f"{path}: power failure before this epoch"))
         series = product.observation_values(index)
         satellites = tuple(epoch.satellites)
+        values.repeated += epoch.declared_record_count - len(satellites)
         if satellites not in layouts:
             layouts[satellites] = values.new_layout(series.satellites, series.codes)
         values.append(t_ns, layouts[satellites], _marked(series, damaged_cells), series.lli)

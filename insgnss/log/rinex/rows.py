@@ -45,6 +45,8 @@ class ObservationValues:
     values: list[Float64] = field(default_factory=list)  # of each epoch
     lli: list[Float64] = field(default_factory=list)  # of each epoch, NaN where blank
     phases_alone: int = 0  # carrier phases without pseudorange and Doppler
+    lines: int = 0  # of the epochs as they state it, in RINEX 3 and 4
+    repeated: int = 0  # satellites named a second time in their epoch
 
     def new_layout(self, satellites: Sequence[str], codes: Sequence[str]) -> int:
         """Return the number of a new layout for values of these satellites and codes."""
