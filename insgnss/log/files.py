@@ -61,11 +61,8 @@ def file_buffer(path: Path) -> pa.Buffer:
         raise InputError(
             f"the gzip file is damaged or cut short: {error}", file=path, advice="copy it again"
         ) from error
-    except (
-        zipfile.BadZipFile,
-        NotImplementedError,
-        RuntimeError,
-    ) as error:  # of another packing, with a password
+    # not supported: another packing; a run-time error: a password
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
         raise InputError(
             f"the zip archive cannot be unpacked: {error}", file=path, advice="unpack it, or copy it again"
         ) from error

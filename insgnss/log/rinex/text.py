@@ -80,9 +80,8 @@ class ObservationText:
     header: str
     epochs: tuple[str, ...]
     lines: tuple[int, ...]
-    later_types: tuple[
-        tuple[int, str], ...
-    ] = ()  # lists of observations among the epochs: of which, the line
+    # lists of observations among the epochs: number of the epoch, line
+    later_types: tuple[tuple[int, str], ...] = ()
 
     def header_at(self, index: int) -> str:
         """Return the header that holds at an epoch: the file's, with the lists of observations that came since."""
@@ -95,9 +94,8 @@ class ObservationText:
         for line in self.header.splitlines():
             if line[LABEL_COLUMN:].startswith("END OF HEADER"):
                 kept += later
-            whose = (
-                _whose_types(line) if line[:6].strip() else whose
-            )  # a line that goes on with the list above
+            if line[:6].strip():  # others go on with the list above
+                whose = _whose_types(line)
             if not (_TYPES.match(line) and whose in renewed):
                 kept.append(line)
         return "\n".join(kept) + "\n"
