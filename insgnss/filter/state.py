@@ -165,7 +165,7 @@ class HeadRecord(Record):
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
     own_reach: Annotated[
         Float64, MAX_WATCHED
-    ]  # up to so large a variance of the prediction may its rows agree
+    ]  # largest variance of a prediction with which its rows may agree
     # of own rows that carry the filter (``own_rows.carrying``)
     carried_ns: Annotated[Int64, MAX_WATCHED]  # when they last came; 0: never
     doubted_by: Annotated[Int64, MAX_WATCHED]  # 1 from one that is far off to the next that is used
