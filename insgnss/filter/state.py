@@ -163,9 +163,7 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
-    own_reach: Annotated[
-        Float64, MAX_WATCHED
-    ]  # largest variance of a prediction with which its rows may agree
+    own_reach: Annotated[Float64, MAX_WATCHED]  # largest variance of a prediction that may be agreed with
     # of own rows that carry the filter (``own_rows.carrying``)
     carried_ns: Annotated[Int64, MAX_WATCHED]  # when they last came; 0: never
     doubted_by: Annotated[Int64, MAX_WATCHED]  # 1 from one that is far off to the next that is used
