@@ -21,6 +21,13 @@ def export(
         str | None,
         typer.Option("--format", help="One of the formats above; by default the file's ending."),
     ] = None,
+    at_point: Annotated[
+        bool,
+        typer.Option(
+            "--at-point",
+            help="The point of the run's --point (a camera, a radar) in place of the IMU's position.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -43,7 +50,7 @@ def export(
         from insgnss.runs.result import Run
 
         loaded = Run.load(run)
-        written = export_run(loaded, output, format)
+        written = export_run(loaded, output, format, at_point=at_point)
     if as_json:
         print_json({"rows": len(loaded.nav), "bytes": written.stat().st_size, "wrote": written})
         return

@@ -17,6 +17,7 @@ from insgnss.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
+WHOSE_PLACE: Final = "whose_place"  # attribute of a table of another point than the IMU
 # what UDUNITS calls the units of the columns
 _UNITS: Final = {
     "°": "degree",
@@ -82,7 +83,8 @@ def as_dataset(run: Run) -> xr.Dataset:
         "title": name_of(run),
         "source": f"insgnss {__version__}",
         "gps_week": week,
-        "comment": "position of the IMU; time_s counts from the start of gps_week in GPS time",
+        "comment": f"position of {run.nav.attrs.get(WHOSE_PLACE, 'the IMU')};"
+        " time_s counts from the start of gps_week in GPS time",
     }
     return xarray.Dataset({**variables, "trajectory": trajectory}, coordinates, about)
 

@@ -12,11 +12,13 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from insgnss.cli.main import EXAMPLES, app
-from insgnss.report.export import FORMATS
+from insgnss.report.export import FORMATS, _moved_to_point
+from insgnss.report.netcdf import as_dataset
 from insgnss.runs.result import Run
 from insgnss.studies.campaign import cluster, study
 from insgnss.studies.campaign.study import CampaignConfig, load_campaign
@@ -172,6 +174,33 @@ def test_export_of_an_unknown_format_ends_with_the_code_of_a_setting(tmp_path: P
     made_run().save(tmp_path)
 
     assert called(f"export {tmp_path} -o {tmp_path / 'run.shp'}").exit_code == 2
+
+
+def test_export_of_the_further_point_in_place_of_the_imu(tmp_path: Path) -> None:
+    run = made_run(seconds=20.0)
+    run.save(tmp_path / "without")
+    refused = called(f"export {tmp_path / 'without'} -o {tmp_path / 'run.pos'} --at-point")
+    assert refused.exit_code == 5 and "replay FLIGHT --point" in " ".join(refused.stderr.split())
+    moved = {"lat_deg": 1e-3, "lon_deg": -2e-3, "h_m": 7.0, "vn_mps": 0.5, "ve_mps": 0.25, "vd_mps": -0.125}
+    run.nav = run.nav.assign(
+        **{f"point_{name}": run.nav[name] + by for name, by in moved.items()},
+        **{f"sd_point_{name}_m": 3.0 for name in "ned"},
+        **{f"sd_point_{name}_mps": 0.75 for name in ("vn", "ve", "vd")},
+    )
+    run.save(tmp_path / "run")
+
+    for name in ("imu", "point"):
+        assert not called(
+            f"export {tmp_path / 'run'} -o {tmp_path / name}.pos" + " --at-point" * (name == "point")
+        ).exit_code
+
+    imu, point = (
+        np.loadtxt(tmp_path / f"{name}.pos", comments="%", usecols=range(2, 21)) for name in ("imu", "point")
+    )
+    assert point[:, :3] - imu[:, :3] == pytest.approx(np.tile([1e-3, -2e-3, 7.0], (len(imu), 1)), abs=2e-4)
+    assert (point[:, 5:8] == 3.0).all() and (point[:, 16:19] == 0.75).all()
+    about = as_dataset(_moved_to_point(run))
+    assert about.attrs["comment"].startswith("position of the further point") and "point_h_m" not in about
 
 
 def test_help_of_export_names_every_format() -> None:
