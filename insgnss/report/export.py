@@ -64,7 +64,7 @@ def export_run(run: Run, path: str | Path, format: str | None = None, *, at_poin
 
 
 def _moved_to_point(run: Run) -> Run:
-    """Return the run with its further point in place of the IMU.
+    """Return the run with its further point in place of the IMU, without the covariances of the IMU's errors.
 
     Raises
     ------
@@ -76,7 +76,8 @@ def _moved_to_point(run: Run) -> Run:
         )
         raise ResultError("the run has no further point of the body", advice=advice)
     names = {name: name.replace("point_", "", 1) for name in map(str, run.nav) if "point_" in name}
-    nav = run.nav.drop(columns=list(names)).assign(
+    of_imu = [name for name in map(str, run.nav) if name.startswith("cov_")]
+    nav = run.nav.drop(columns=[*names, *of_imu]).assign(
         **{ours: run.nav[name].to_numpy() for name, ours in names.items()}
     )
     nav.attrs = run.nav.attrs | {WHOSE_PLACE: "the further point of the body"}

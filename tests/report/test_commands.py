@@ -186,6 +186,7 @@ def test_export_of_the_further_point_in_place_of_the_imu(tmp_path: Path) -> None
         **{f"point_{name}": run.nav[name] + by for name, by in moved.items()},
         **{f"sd_point_{name}_m": 3.0 for name in "ned"},
         **{f"sd_point_{name}_mps": 0.75 for name in ("vn", "ve", "vd")},
+        cov_n_e_m2=4.0,
     )
     run.save(tmp_path / "run")
 
@@ -199,6 +200,7 @@ def test_export_of_the_further_point_in_place_of_the_imu(tmp_path: Path) -> None
     )
     assert point[:, :3] - imu[:, :3] == pytest.approx(np.tile([1e-3, -2e-3, 7.0], (len(imu), 1)), abs=2e-4)
     assert (point[:, 5:8] == 3.0).all() and (point[:, 16:19] == 0.75).all()
+    assert (imu[:, 8] == 2.0).all() and (point[:, 8] == 0.0).all()  # the root of the IMU's covariance
     about = as_dataset(_moved_to_point(run))
     assert about.attrs["comment"].startswith("position of the further point") and "point_h_m" not in about
 
