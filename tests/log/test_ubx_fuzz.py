@@ -79,7 +79,8 @@ def assert_sound(path: Path) -> None:
     except InsGnssError:
         return
     gnss = log.gnss
-    assert len(gnss.t_ns) > 0 and (np.diff(gnss.t_ns) >= 0).all() and (gnss.t_ns > 0).all()
+    assert len(gnss.t_ns) > 0 or log.imu is not None or log.solution is not None
+    assert (np.diff(gnss.t_ns) >= 0).all() and (gnss.t_ns > 0).all()
     assert gnss.carrier_cycles is not None and gnss.lli is not None
     for values in (gnss.pseudorange_m, gnss.doppler_hz, gnss.carrier_cycles, gnss.cn0_dbhz):
         assert len(values) == len(gnss.t_ns) and not np.isinf(values).any()
@@ -101,11 +102,12 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def real(data_root: Path) -> bytes:
+def real(data_root: Path) -> Path:
+    """Return the file, not its bytes: a report of a failure would print them."""
     file = data_root / SET / "raw" / "gnss_1730.ubx"
     if not file.is_file():
         pytest.skip(f"no real UBX file: {file} does not exist")
-    return file.read_bytes()
+    return file
 
 
 def test_undamaged_small_log_holds_everything(path: Path) -> None:
@@ -123,10 +125,11 @@ def test_undamaged_small_log_holds_everything(path: Path) -> None:
 @settings(max_examples=150)
 @given(start=st.floats(0.0, 1.0), damages=DAMAGES)
 def test_slices_of_the_real_log(
-    path: Path, real: bytes, start: float, damages: list[tuple[str, float, bytes]]
+    path: Path, real: Path, start: float, damages: list[tuple[str, float, bytes]]
 ) -> None:
-    at = int(start * len(real))
-    path.write_bytes(damaged(real[at : at + SLICE], damages))
+    data = real.read_bytes()
+    at = int(start * len(data))
+    path.write_bytes(damaged(data[at : at + SLICE], damages))
     assert_sound(path)
 
 
