@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +55,9 @@ def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations
 
 def _nmea_inside(paths: Sequence[Path], date: dt.date | None) -> ReceiverLog | None:
     """Return the fixes of the NMEA sentences between the messages of another format, None without any."""
-    if not any(b"GGA," in file_buffer(path).to_pybytes() for path in paths):
+    if not any(
+        re.search(b"GGA,", file_buffer(path)) for path in paths
+    ):  # in place: a log may fill the memory
         return None
     try:
         return read_nmea(paths, date)

@@ -18,23 +18,23 @@ def line(text: str, label: str) -> str:
     return f"{text:<60}{label}\n"
 
 
-def header_3(codes: str = "C1C L1C D1C") -> str:
+def header(version: str, types: str) -> str:
     return (
-        line("     3.04           OBSERVATION DATA    M", "RINEX VERSION / TYPE")
-        + line(f"G    3 {codes}", "SYS / # / OBS TYPES")
-        + line("E    1 C1X", "SYS / # / OBS TYPES")
+        line(f"     {version}", "RINEX VERSION / TYPE")
+        + types
         + line("  2024     5    17     0     0    0.0000000     GPS", "TIME OF FIRST OBS")
         + line("", "END OF HEADER")
     )
+
+
+def header_3(codes: str = "C1C L1C D1C") -> str:
+    types = line(f"G    3 {codes}", "SYS / # / OBS TYPES") + line("E    1 C1X", "SYS / # / OBS TYPES")
+    return header("3.04           OBSERVATION DATA    M", types)
 
 
 def header_2(codes: str = "C1    L1    D1") -> str:
-    return (
-        line("     2.11           OBSERVATION DATA    G (GPS)", "RINEX VERSION / TYPE")
-        + line(f"     3    {codes}", "# / TYPES OF OBSERV")
-        + line("  2024     5    17     0     0    0.0000000     GPS", "TIME OF FIRST OBS")
-        + line("", "END OF HEADER")
-    )
+    types = line(f"     3    {codes}", "# / TYPES OF OBSERV")
+    return header("2.11           OBSERVATION DATA    G (GPS)", types)
 
 
 def cells(*values: float) -> str:

@@ -145,9 +145,9 @@ def weigh_headings(bank: Bank, par: Parameters, in_full: bool) -> None:
     may be wrong, and without e one such epoch would choose a heading for good.
 
     Hypotheses differ, too, in the direction in which they integrate the accelerometers' noise: without motion their
-    likelihood ratio is a driftless random walk that would choose one in the end. Between two that are d apart ln L has
-    the mean d^2 I / 2, all of it by the motion, and the variance d^2 (I + v), v by the noise. A likelihood ratio has
-    twice its mean as variance, which rho makes it. rho is common to all, so it favours none.
+    likelihood ratio is a driftless random walk that would choose one in the end. Between two headings that differ by d,
+    the motion gives ln L the mean d^2 I / 2; motion and noise give it the variance d^2 (I + v). The variance of a true
+    log-likelihood ratio is twice its mean; the power rho makes it so. rho is common to all, so it favours none.
 
     Hypotheses that differ in more than their headings (a given start against others, a filter against a fix) are
     weighed in full, and so are rows that measure the heading, by ``in_full``.

@@ -41,33 +41,42 @@ _ACCURACIES_AT: Final = 90  # byte of the block
 _NOT_STATED: Final = 65_534  # larger, or not known
 _M_PER_CM: Final = 0.01
 _UP: Final = np.array([1.0, 1.0, -1.0])
-NAMES: Final = {PVT: "PVTGeodetic", PVT_ECEF: "PVTCartesian"}
+_NAMES: Final = {PVT: "PVTGeodetic", PVT_ECEF: "PVTCartesian"}
+# in both forms of a block
+_SHARED: Final = ("tow_ms", "week", "mode", "error")
+# of PVTGeodetic, of PVTCartesian: for the place, for the velocity
+_COVARIANCES: Final = {PVT: (POS_COV, VEL_COV), PVT_ECEF: (POS_COV_ECEF, VEL_COV_ECEF)}
+
+
+def name_of_fixes(blocks: Blocks) -> str:
+    """Return what the blocks that hold the fixes are called."""
+    return _NAMES[_kind_of_fixes(blocks)]
+
+
+def _kind_of_fixes(blocks: Blocks) -> int:
+    return PVT if blocks.starts.get(PVT) else PVT_ECEF
 
 
 def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Event]]:
     """Return the fixes in three dimensions, None with less than two; the other blocks are counted."""
-    kind = PVT if blocks.starts.get(PVT) else PVT_ECEF
+    kind = _kind_of_fixes(blocks)
     rows = block_records(data, blocks, kind)
     if not len(rows):
         return None, []
     if kind == PVT_ECEF:
         rows = _geodetic(rows)
     in_space = (rows["mode"] & _MODE_MASK > 0) & (rows["mode"] & _FIX_2D == 0)
-    name = NAMES[kind]
-    place, kept, events = solved_rows(rows, in_space, f"{name} block(s) without a fix in three dimensions")
+    what = f"{_NAMES[kind]} block(s) without a fix in three dimensions"
+    place, kept, events = solved_rows(rows, in_space, what)
     if len(kept) < 2:
         return None, events
     t_ns = block_times_ns(rows[kept])
     sigma = np.full((len(kept), 9), np.nan)
-    for (number, ecef), columns in (
-        ((POS_COV, POS_COV_ECEF), slice(0, 3)),
-        ((VEL_COV, VEL_COV_ECEF), slice(3, 6)),
-    ):
-        if kind == PVT:
-            stated_rows = block_records(data, blocks, number)
-        else:
-            stated_rows = _along_north_east_up(block_records(data, blocks, ecef), t_ns, place[kept])
-        sigma[:, columns] = _sigmas(stated_rows, t_ns)
+    for number, columns in zip(_COVARIANCES[kind], (slice(0, 3), slice(3, 6)), strict=True):
+        covariances = block_records(data, blocks, number)
+        if kind == PVT_ECEF:
+            covariances = _along_north_east_up(covariances, t_ns, place[kept])
+        sigma[:, columns] = _sigmas(covariances, t_ns)
     stated = _accuracies(data, np.array(blocks.starts[kind], np.int64)[kept])
     sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), stated, sigma[:, :3])
     velocity = rows["v_neu"][kept].astype(np.float64)
@@ -77,9 +86,7 @@ def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Even
 
 def _geodetic(rows: Any) -> Any:
     """Return blocks of PVTCartesian (n,) as those of PVTGeodetic; an impossible place becomes NaN."""
-    turned = np.zeros(len(rows), LAYOUTS[PVT])
-    for name in ("tow_ms", "week", "mode", "error"):
-        turned[name] = rows[name]
+    turned = _as_block(rows, PVT)
     v_e = rows["v_mps"].astype(np.float64)
     v_e[(v_e <= FLOAT_MISSING).any(axis=1)] = np.nan
     place, velocity = from_earth_axes(rows["r_m"].astype(np.float64), v_e)
@@ -90,9 +97,7 @@ def _geodetic(rows: Any) -> Any:
 
 def _along_north_east_up(rows: Any, at_ns: Int64, place: Float64) -> Any:
     """Return Cartesian covariances (n,) as variances north, east, up at the places (m, 3) of the fixes."""
-    turned = np.zeros(len(rows), LAYOUTS[POS_COV])
-    for name in ("tow_ms", "week", "mode", "error"):
-        turned[name] = rows[name]
+    turned = _as_block(rows, POS_COV)
     place_of = dict(zip(at_ns.tolist(), place.tolist(), strict=True))
     C_ne = np.empty((3, 3))
     for k, t_ns in enumerate(block_times_ns(rows).tolist()):
@@ -103,6 +108,14 @@ def _along_north_east_up(rows: Any, at_ns: Int64, place: Float64) -> Any:
         xx, yy, zz, _, xy, xz, _, yz, _, _ = rows["covariance"][k].astype(np.float64)
         turned["variance"][k] = np.diag(C_ne @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ C_ne.T)
     return turned
+
+
+def _as_block(rows: Any, number: int) -> Any:
+    """Return blocks (n,) of another number with the time, mode and error of ``rows``, the rest zero."""
+    found = np.zeros(len(rows), LAYOUTS[number])
+    for name in _SHARED:
+        found[name] = rows[name]
+    return found
 
 
 def _sigmas(rows: Any, at_ns: Int64) -> Float64:

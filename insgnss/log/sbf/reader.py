@@ -22,8 +22,6 @@ from insgnss.log.sbf.blocks import (
     HEADER_LENGTH,
     LAYOUTS,
     MEAS_EPOCH,
-    PVT,
-    PVT_ECEF,
     SENSOR,
     Blocks,
     block_length,
@@ -32,7 +30,7 @@ from insgnss.log.sbf.blocks import (
     find_blocks,
     time_known,
 )
-from insgnss.log.sbf.fixes import NAMES, fixes
+from insgnss.log.sbf.fixes import fixes, name_of_fixes
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
@@ -82,11 +80,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]
     navigation = found.navigation()
     if own is None and fixed is not None:
-        named.append(
-            not_independent(
-                f"{NAMES[PVT] if blocks.starts.get(PVT) else NAMES[PVT_ECEF]}, the receiver's fixes"
-            )
-        )
+        named.append(not_independent(f"{name_of_fixes(blocks)}, the receiver's fixes"))
         return ReceiverLog(gnss, navigation, imu, named, fixed)
     return ReceiverLog(gnss, navigation, imu, named, own, solution_from="filter", fixes=fixed)
 
