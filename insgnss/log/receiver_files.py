@@ -55,9 +55,8 @@ def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations
 
 def _nmea_inside(paths: Sequence[Path], date: dt.date | None) -> ReceiverLog | None:
     """Return the fixes of the NMEA sentences between the messages of another format, None without any."""
-    if not any(
-        re.search(b"GGA,", file_buffer(path)) for path in paths
-    ):  # in place: a log may fill the memory
+    # looked for in place: a log may be as large as the memory
+    if not any(re.search(b"GGA,", file_buffer(path)) for path in paths):
         return None
     try:
         return read_nmea(paths, date)
