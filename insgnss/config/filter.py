@@ -319,6 +319,9 @@ class Adaptation(StrictModel):
         description="correlation time of a reflection that a satellite's residuals show: sd_* include what it does to"
         " the position, where slow errors are followed; 0: reflections are ignored",
     )
+    weak_signal_m_per_db: NotNegative = Field(
+        2.0, description="error of a weak signal's pseudorange until the residuals show it; 0: none"
+    )
     rate_memory_s: NotNegative = Field(
         8.0,
         description="how long a satellite's range rates keep a noise level of their own; 0: they have none",

@@ -117,6 +117,7 @@ class Parameters(Record):
     adapt_least: float
     adapt_most: float
     adapt_least_at_rest: float
+    weak_signal2: float  # variance that a weak signal adds to its pseudorange [m^2/dB^2]; 0: none
     lever_b: Annotated[Float64, 3]  # IMU to antenna, body [m]
 
 
@@ -285,6 +286,7 @@ def resolve_parameters(
         math.radians(config.heading.known_below_deg) ** 2,
         widest_heading(config.heading) ** 2,
         *_noise_levels(config.adaptation),
+        config.adaptation.weak_signal_m_per_db**2 if config.adaptation.on else 0.0,
         lever_arm_m,
     )
     return np.array([values], PARAMETERS_DTYPE)

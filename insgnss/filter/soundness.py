@@ -24,7 +24,8 @@ _FARTHEST_CLOCK_M: Final = 1e15  # a month of bias; the square of an innovation 
 @kernel
 def is_finite(m: StateRecord, P: Float64) -> bool:
     """Return whether every number of a hypothesis and of a covariance ``P`` is finite."""
-    total = m.cn0_level + m.clock_clone + m.sum_dt + m.sum_gyro_q + m.sum_accel_q + m.v_mean_variance
+    total = m.weak_shown + m.weak_rows
+    total += m.cn0_level + m.clock_clone + m.sum_dt + m.sum_gyro_q + m.sum_accel_q + m.v_mean_variance
     for i in range(3):
         total += m.r_e[i] + m.v_e[i] + m.b_a[i] + m.b_g[i]
         total += m.r_clone[i]

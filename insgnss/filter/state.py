@@ -122,6 +122,9 @@ class StateRecord(Record):
     suspicion: float  # how far they are beyond chance, chi^2 of three
     mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
     mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
+    # sums over weak signals, see ``update.weak_signals``: of what their residuals show, and of how clearly
+    weak_shown: float
+    weak_rows: float
     cn0_level: float  # recent strongest signal, referred to the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
@@ -271,6 +274,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
+    target.weak_shown, target.weak_rows = source.weak_shown, source.weak_rows
     target.unlikely_ns = source.unlikely_ns
     target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information
     for i in range(OFFSETS + MAX_OPTIONAL):

@@ -30,6 +30,7 @@ from insgnss.gnss.orbits.satellite_state import (
     satellite_states,
     status_of_given,
 )
+from insgnss.gnss.signal_weakness import weakness_db
 from insgnss.gnss.signals import L1_HZ, SIGNALS, carrier_hz, signal_of
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
@@ -66,6 +67,7 @@ class Observation(Record):
     sigma: Annotated[npt.NDArray[np.float32], 2]  # stated by the log, NaN elsewhere
     cn0: Annotated[float, np.float32]  # [dBHz], NaN where not logged
     thermal: Annotated[float, np.float32]  # thermal variance relative to 45 dBHz
+    weakness: Annotated[float, np.float32]  # C/N0 below that of free signals [dB], see ``signal_weakness``
     ionosphere_factor: float  # (f_L1 / f)^2 of the pseudorange
     phase_factor: float  # of carrier and Doppler, which no combination touches
     ionosphere_m: Annotated[float, np.float32]  # delay on L1 at the antenna, NaN where the filter computes it
@@ -163,6 +165,7 @@ def prepare_rows(
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
     observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)
+    observation["weakness"] = weakness_db(cn0, observation["slot"] % N_BANDS, first)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)
     rates = range_rates(gnss, channels)

@@ -172,6 +172,8 @@ SUMS = (
     "sum_gyro_q",
     "sum_accel_q",
     "noise_factor",
+    "weak_shown",
+    "weak_rows",
     "cn0_level",
     "motion_response",
 )

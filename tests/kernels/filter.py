@@ -366,6 +366,7 @@ def crowd(noise: float) -> list[Any]:
             line["status"][:2] = USED, GATED if noise > 1.0 else USED
             line["h"][1, 3:6] = line["h"][0, :3]
             line["variance"][:2], line["predicted"][:2] = (1.0, 0.01), (0.1, 1e-4)
+            line["weakness"], line["weak"] = 0.2 * (j % 3), 0.1 * (j % 3)
             line["innovation"][:2] = (
                 noise * math.sin(5.0 * j + second),
                 0.1 * noise * math.cos(3.0 * j + second),
@@ -383,6 +384,7 @@ def crowd(noise: float) -> list[Any]:
             lines["status"][:, kind] = USED
             raise_level(m, P, lines, kind, fit, np.zeros(10), par)
         found += [lines["variance"].copy(), m["level_risen"].copy()]
+    found += [m["weak_shown"], m["weak_rows"]]
     return [*found, m["noise_factor"], m["lasting"], m["explained"], made.memory[0, observation["slot"]]]
 
 

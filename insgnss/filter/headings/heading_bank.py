@@ -43,7 +43,7 @@ from insgnss.geodesy.rotations import (
 from insgnss.tables import Float64
 
 _WIDE: Final = 1.2  # sigmas of a window
-_MEANS: Final = ("noise_factor", "motion_response", "f_mean")
+_MEANS: Final = ("noise_factor", "weak_shown", "weak_rows", "motion_response", "f_mean")
 
 
 def attitude(m: StateRecord) -> tuple[float, float, float]:

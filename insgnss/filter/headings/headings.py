@@ -187,6 +187,9 @@ def share_noise_levels(bank: Bank) -> None:
             share_mean(state, state["lasting"][:, kind, which])
     for kind in range(N_FACTORS if bank.head[0].more_than_headings == 0 else 0):
         share_mean(state, state["noise_factor"][:, kind])
+    if bank.head[0].more_than_headings == 0:
+        share_mean(state, state["weak_shown"])
+        share_mean(state, state["weak_rows"])
 
 
 @kernel(inline=True)

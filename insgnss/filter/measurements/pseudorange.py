@@ -17,6 +17,7 @@ from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
+from insgnss.filter.rows.weak_signals import weak_signal_level
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative
 from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
@@ -55,7 +56,9 @@ def pseudorange(
     line.count[PSEUDORANGE] = imu_time_range_column(par, a, line, PSEUDORANGE, count)
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
     variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
-    return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance
+    line.weakness = float(row.weakness)
+    line.weak = weak_signal_level(m) * par.weak_signal2 * line.weakness * line.weakness
+    return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance + line.weak
 
 
 @kernel(inline=True)

@@ -32,6 +32,8 @@ class Line(Record):
     reflection: float  # by how much its pseudoranges have been off for seconds [m], signed (``reflections``)
     slow: float  # variance that the slow errors of message and air add to its innovation [m^2]
     astray: float  # the same of the state's error by reflections and by earlier slow errors [m^2]
+    weakness: float  # of its signal [dB], see ``signal_weakness`` ...
+    weak: float  # ... and what that adds to the variance of its pseudorange
     extra: float  # what its satellite's own noise adds to its range rate's variance (``satellite_noise``)
     foreseen: float  # the same, by the epochs before
     square: float  # mean square of its range rate's residual over the variance at the level of all

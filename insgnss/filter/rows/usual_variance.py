@@ -1,15 +1,17 @@
-"""The variance of a row without what its satellite's own noise adds in this epoch, compiled."""
+"""The variance of a row without what is its satellite's own in this epoch: noise, or a weak signal. Compiled."""
 
 from __future__ import annotations
 
 from insgnss.filter.rows.lines import Line
-from insgnss.gnss.observation_rows import RANGE_RATE
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.kernels.jit import kernel
 
 
 @kernel(inline=True)
 def usual_variance(line: Line, kind: int) -> float:
-    """Return the variance of a row at the level of all, without what its own satellite's noise adds."""
+    """Return the variance of a row at the level of all, without what its own satellite or a weak signal adds."""
+    if kind == PSEUDORANGE:
+        return float(line.variance[kind] - line.weak)
     return float(line.variance[kind] - line.extra if kind == RANGE_RATE else line.variance[kind])
 
 

@@ -324,4 +324,5 @@ def _carry_values(
             m.optional[value], P[at, at] = old.optional[value], variance
     m.noise_factor[:], m.level_epochs[:] = old.noise_factor, old.level_epochs
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
+    m.weak_shown, m.weak_rows = old.weak_shown, old.weak_rows
     m.cn0_level, m.cn0_level_ns = old.cn0_level, old.cn0_level_ns

@@ -171,6 +171,8 @@ class StartValidation:
             "level_epochs",
             "adapted_ns",
             "adapted_count",
+            "weak_shown",
+            "weak_rows",
             "cn0_level",
             "cn0_level_ns",
         ):

@@ -24,8 +24,9 @@ from insgnss.filter.update.integrity import (
     fit_all,
     fit_freely,
 )
+from insgnss.filter.update.weak_signals import follow_weak_signals
 from insgnss.gnss.median import median_of
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, RANGE_RATE
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -101,7 +102,7 @@ def raise_level(
     risen = m.noise_factor[kind] / before
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
-            lines[j].variance[kind] *= risen
+            lines[j].variance[kind] += (risen - 1.0) * usual_variance(lines[j], kind)
     if m.level_epochs[kind] > LEVEL_EPOCHS:
         m.level_risen[kind] = risen
     m.level_epochs[kind] = 0
@@ -167,6 +168,7 @@ def adapt_noise(
     if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < INTERVAL_NS:
         return
     lines, fit, correction = s.lines[:n], s.fit, s.vectors[0]
+    since_s = (t_ns - m.adapted_ns) * 1e-9
     m.adapted_ns = t_ns
     m.adapted_count += 1
     gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))
@@ -177,9 +179,11 @@ def adapt_noise(
         m.level_epochs[kind] += 1
         if not explain(prior, lines, kind, fit):
             continue
+        if kind == PSEUDORANGE and par.weak_signal2 > 0.0:
+            follow_weak_signals(m, par, lines, fit, since_s)
         levelled = kind == RANGE_RATE and par.rate_memory_s > 0.0
         wanted = parity_ratio(lines, kind, fit, factor, levelled)
-        if kind == 0 and at_rest:
+        if kind == PSEUDORANGE and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         share = max(par.adapt_gain, 1.0 / m.level_epochs[kind])
         m.noise_factor[kind] = bounded(factor + share * (wanted - factor), par)

@@ -47,7 +47,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     rows = _no_rows()
     places = np.zeros(0, np.int64)
     settings = PointSettings(
-        ANY_X, ANY_X, ANY_X, STANDARD_WEATHER, (ANY_X,) * 4, (ANY_X,) * 4, ANY_X, ANY_X, ties, ANY_X
+        ANY_X, ANY_X, ANY_X, STANDARD_WEATHER, (ANY_X,) * 4, (ANY_X,) * 4, ANY_X, ANY_X, ANY_X, ties, ANY_X
     )
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))
@@ -84,6 +84,7 @@ def _no_rows() -> PointRows:
         group=places,
         cn0=single,
         thermal=single,
+        weakness=single,
         variance_scale=single,
         ionosphere_factor=np.zeros(0),
         ionosphere_m=single,

@@ -26,6 +26,7 @@ class PointRows(NamedTuple):
     group: Int64  # (n,) clock
     cn0: Float64  # (n,) [dBHz], NaN where not known
     thermal: Float64  # (n,) ``noise_model.thermal_factor``
+    weakness: Float64  # (n,) of the signal [dB], see ``signal_weakness``
     variance_scale: Float64  # (n,) on the modelled variance of the pseudorange
     ionosphere_factor: Float64  # (n,) (f_L1 / f)^2, 0 for no correction
     ionosphere_m: Float64  # (n,) delay on L1 where it is known already, NaN for Klobuchar's model
@@ -42,6 +43,7 @@ class PointSettings(NamedTuple):
     # floor2, elevation2, cn02 [m^2], thermal factor where missing
     range_noise: tuple[float, float, float, float]
     rate_noise: tuple[float, float, float, float]  # [m^2/s^2]
+    weak_signal2: float  # variance that a weak signal adds to its pseudorange [m^2/dB^2]
     max_gdop: float
     missed_sigmas: float  # normal quantile of a missed detection, for the protection levels
     ties: Ties  # of the clocks

@@ -1,0 +1,16 @@
+"""What a weak signal adds to the variance of its pseudorange, compiled; ``update.weak_signals`` learns its level."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.state import StateRecord
+from insgnss.kernels.jit import kernel
+
+ASSUMED_ROWS: Final = 2.0  # that the assumption of the settings counts for
+
+
+@kernel(inline=True)
+def weak_signal_level(m: StateRecord) -> float:
+    """Return the factor on the variance that the settings assume for weak signals."""
+    return float((ASSUMED_ROWS + m.weak_shown) / (ASSUMED_ROWS + m.weak_rows))
