@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
+
+import numpy as np
 
 from insgnss.errors import ConfigError
 from insgnss.filter.state import ABSENT_STATE, MAX_COUPLINGS, MAX_OPTIONAL, N_CLONE, OFFSETS
@@ -21,6 +23,25 @@ from insgnss.tables import Float64
 FACTORS: Final = ("1", "f_x", "f_y", "f_z", "w_x", "w_y", "w_z")
 SENSORS: Final = {"accelerometer": DV, "gyro": PSI}  # the error whose growth theirs is
 _AXES: Final = "xyz"
+
+
+def _is_zero_or_more(value: Any) -> bool:
+    """Return whether a value is a finite number that is not negative."""
+    is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return is_number and 0.0 <= float(value) < math.inf
+
+
+def _is_positive(value: Any) -> bool:
+    return _is_zero_or_more(value) and float(value) > 0.0
+
+
+def _are_names(names: Any) -> bool:
+    """Return whether a value is a list of identifiers, at least one."""
+    return isinstance(names, tuple | list) and bool(names) and all(map(_is_name, names))
+
+
+def _is_name(name: Any) -> bool:
+    return isinstance(name, str) and name.isidentifier()
 
 
 class Coupling(NamedTuple):
@@ -35,12 +56,22 @@ class Coupling(NamedTuple):
         """Error that it enters, axis and factor (index into ``FACTORS``)."""
         return SENSORS[self.sensor], _AXES.index(self.axis), FACTORS.index(self.times)
 
+    @property
+    def is_known(self) -> bool:
+        """Return whether sensor, axis and factor exist."""
+        return self.sensor in SENSORS and self.axis in tuple(_AXES) and self.times in FACTORS
+
 
 @dataclass(frozen=True)
 class RandomWalk:
     """A state that wanders: its variance grows by ``density`` squared in a second; zero is a constant."""
 
     density: float = 0.0  # [unit / sqrt(s)]
+
+    @property
+    def is_usable(self) -> bool:
+        """Return whether the density is a number, not negative."""
+        return _is_zero_or_more(self.density)
 
     @property
     def variance_per_s(self) -> float:
@@ -59,6 +90,11 @@ class GaussMarkov:
 
     sigma: float
     time_s: float
+
+    @property
+    def is_usable(self) -> bool:
+        """Return whether sigma and time are numbers, the sigma not negative, the time above zero."""
+        return _is_zero_or_more(self.sigma) and _is_positive(self.time_s)
 
     @property
     def variance_per_s(self) -> float:
@@ -96,17 +132,21 @@ class StateBlock:
 
     def __post_init__(self) -> None:
         """Refuse a state block that no filter can carry."""
-        density, rate = self.process.variance_per_s, self.process.rate
-        if not (self.name.isidentifier() and self.columns and all(c.isidentifier() for c in self.columns)):
-            raise self._wrong("a name and the name of each column, as identifiers")
-        if not (0.0 < self.sigma < math.inf and 0.0 <= density < math.inf and 0.0 <= rate < math.inf):
-            raise self._wrong("a positive sigma and a process of finite density and time")
-        if not 0.0 < self.si_per_unit < math.inf:
+        if not (_is_name(self.name) and _are_names(self.columns)):
+            raise self._wrong("a name and the names of its columns in a tuple, as identifiers")
+        process: Any = self.process
+        is_usable = isinstance(process, RandomWalk | GaussMarkov) and process.is_usable
+        if not (_is_positive(self.sigma) and is_usable):
+            raise self._wrong(
+                "a positive sigma, the same for all columns, and a process of finite density and time"
+            )
+        if not _is_positive(self.si_per_unit):
             raise self._wrong("a positive si_per_unit")
-        if self.couples and len(self.couples) != len(self.columns):
-            raise self._wrong("no coupling, or one for each column")
-        for one in self.couples:
-            if one.sensor not in SENSORS or one.axis not in tuple(_AXES) or one.times not in FACTORS:
+        couples: Any = self.couples
+        if not isinstance(couples, tuple | list) or (couples and len(couples) != len(self.columns)):
+            raise self._wrong("no coupling, or one for each column, in a tuple")
+        for one in couples:
+            if not (isinstance(one, Coupling) and one.is_known):
                 raise self._wrong(f"couplings of {', '.join(SENSORS)}, x, y, z and {', '.join(FACTORS)}")
 
     def _wrong(self, needed: str) -> ConfigError:
@@ -139,7 +179,7 @@ class Layout:
     def __post_init__(self) -> None:
         """Refuse blocks that do not go together."""
         names = [*self.names, *FIXED]
-        columns = [name for block in self.blocks for name in block.columns]
+        columns = [f"{sd}{name}" for sd in ("", "sd_") for block in self.blocks for name in block.columns]
         for taken in (names, columns):
             twice = next((name for name in taken if taken.count(name) > 1), None)
             if twice is not None:

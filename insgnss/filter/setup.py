@@ -15,13 +15,17 @@ from insgnss.antenna.visibility import VisibilityLimits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.config.quantities import Constellation
+from insgnss.errors import ConfigError
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.layout_names import StateLayout, state_layout
+from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
+from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
+from insgnss.filter.smoothing.body_points import COVARIANCES, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.masking import NO_LIMITS
@@ -37,6 +41,9 @@ from insgnss.gnss.troposphere import Weather
 from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
 
 LIVE_SATELLITES: Final = 48  # that a receiver may have in view at the same time
+# the columns of ``nav`` that every filter may have
+_OF_EVERY_ROW: Final = ("time_s", *NAV_COLUMNS, *SLOW_COLUMNS, "hpl_m", "vpl_m")
+_ON_REQUEST: Final = (*QUATERNION, *COVARIANCES, *POINT, *POINT_COVARIANCES)
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,9 @@ class FilterSetup:
         Raises
         ------
         MeasurementError : a measurement's name, times or gate cannot be used
+        ConfigError : not a list of state blocks, or a block with a column that ``nav`` has already
         """
+        _refuse_states(states)
         given = () if self.own is None else tuple(kind.source for kind in self.own.kinds)
         own = own_measurements((*given, *measurements))
         return replace(self, states_wanted=(*self.states_wanted, *states), own=own)
@@ -209,3 +218,23 @@ class FilterSetup:
     def log_drop(self) -> float:
         """Logarithm of the weight below which a hypothesis of the heading goes."""
         return math.log(self.config.heading.drop_below)
+
+
+def _refuse_states(states: Any) -> None:
+    """Refuse anything but a list of state blocks, and columns that would replace others of ``nav``.
+
+    Raises
+    ------
+    ConfigError : the first thing that is wrong
+    """
+    if not isinstance(states, Sequence) or not all(isinstance(block, StateBlock) for block in states):
+        advice = "give a list of insgnss.StateBlock(...)"
+        raise ConfigError(f"{states!r} is not a list of state blocks", key="states", advice=advice)
+    for block in states:
+        for column in block.columns:
+            if not {column, f"sd_{column}"}.isdisjoint((*_OF_EVERY_ROW, *_ON_REQUEST)):
+                raise ConfigError(
+                    f"the table nav has a column {column!r} or 'sd_{column}' already",
+                    key="states",
+                    advice=f"rename the column of the state block {block.name!r}, as {block.name}_{column}",
+                )
