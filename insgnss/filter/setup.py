@@ -84,7 +84,7 @@ class FilterSetup:
         """
         _refuse_states(states)
         given = () if self.own is None else tuple(kind.source for kind in self.own.kinds)
-        own = own_measurements((*given, *measurements))
+        own = own_measurements(measurements, given)
         return replace(self, states_wanted=(*self.states_wanted, *states), own=own)
 
     @property

@@ -1,16 +1,19 @@
-"""State blocks that no filter can carry, or whose columns stand in the table ``nav`` already."""
+"""State blocks and measurements of a user's own that a filter refuses: wrong types, columns of the table ``nav``."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import insgnss
-from insgnss.errors import ConfigError
+from insgnss.errors import ConfigError, MeasurementError
 from insgnss.filter.layout import Layout
+from insgnss.filter.own_rows.rows import own_measurements
 
 FLIGHT = Path("data/sample_flight/flight.toml")
 NAN, INF = math.nan, math.inf
@@ -67,3 +70,26 @@ def test_a_column_that_is_the_sigma_of_another_is_refused() -> None:
 def test_states_that_are_no_list_of_blocks_are_refused(states: Any) -> None:
     with pytest.raises(ConfigError, match="not a list of state blocks"):
         insgnss.engine_settings(FLIGHT, states=states)
+
+
+def mine(**changes: Any) -> Any:
+    return SimpleNamespace(**{"name": "mine", "rows": lambda state, layout: (), **changes})
+
+
+def test_a_measurement_with_a_period_and_times_is_refused() -> None:
+    """Its times would never be used."""
+    with pytest.raises(MeasurementError, match="'mine' has both period_ns and times_ns") as raised:
+        own_measurements([mine(period_ns=10**9, times_ns=np.array([5]))])
+    assert raised.value.advice
+    assert own_measurements([mine(period_ns=10**9, times_ns=np.zeros(0, np.int64))]) is not None
+
+
+def test_measurements_that_are_no_list_are_refused() -> None:
+    setup = insgnss.engine_settings(FLIGHT)
+    with pytest.raises(MeasurementError, match="not a list"):
+        insgnss.Engine(setup, measurements=mine(period_ns=10**9))
+
+
+def test_a_message_counts_the_users_own_measurements() -> None:
+    with pytest.raises(MeasurementError, match="measurement 1 of the list"):
+        own_measurements([mine()], [mine(name="other", period_ns=10**9)])

@@ -164,15 +164,24 @@ def _has(kind: Kind, t_ns: int) -> bool:
     return k < len(kind.times_ns) and int(kind.times_ns[k]) == t_ns
 
 
-def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | None:
-    """Return a user's measurements checked, None without any.
+def own_measurements(
+    measurements: Sequence[Measurement], beside: Sequence[Measurement] = ()
+) -> OwnMeasurements | None:
+    """Return a user's measurements checked, behind those that a filter has already; None without any.
 
     Raises
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; ``name``, ``times_ns`` or ``rows`` is missing; more than 8 kinds are watched, or more than 8 carry
+        positive; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands beside ``period_ns``; more than 8
+        kinds are watched, or more than 8 carry; not a list
     """
-    kinds = tuple(_checked_kind(each, place) for place, each in enumerate(measurements))
+    given: Any = measurements
+    if not isinstance(given, Sequence):
+        advice = "give a list: measurements=[...]"
+        raise MeasurementError(f"measurements is a {type(given).__name__}, not a list", advice=advice)
+    kinds = tuple(
+        _checked_kind(each, place) for of in (beside, measurements) for place, each in enumerate(of)
+    )
     if not kinds:
         return None
     names = [kind.name for kind in kinds]
@@ -240,6 +249,9 @@ def _checked_period(name: str, source: Measurement) -> int:
             f"period_ns of measurement '{name}' is {period!r}",
             advice="give a whole number of nanoseconds, 1e6 (1 kHz) or more",
         )
+    if np.size(getattr(source, "times_ns", ())) > 0:
+        advice = "give one of them; for both, add a second measurement under another name"
+        raise MeasurementError(f"measurement '{name}' has both period_ns and times_ns", advice=advice)
     return int(period)  # type: ignore[call-overload,no-any-return]
 
 
