@@ -13,6 +13,7 @@ from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in, numbers_in
+from insgnss.cli.option_guard import refuse_given
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import counting
 from insgnss.results.saving import overwriting
@@ -27,6 +28,7 @@ _NO_INS = "none"
 
 
 def receiver(
+    context: typer.Context,
     scenario: Annotated[
         str, typer.Argument(help="A list of manoeuvres: a name in models/scenarios, or a file (TOML).")
     ] = "manoeuvring_5g",
@@ -108,6 +110,8 @@ def receiver(
     """Fly receivers through a manoeuvre in closed loops; report errors, thresholds and loss of lock."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, []):
+        if emitters is not None:
+            refuse_given(context, ("cn0",), "with --emitters: they determine the C/N0")
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from insgnss.cli.main import app
 from insgnss.errors import ConfigError
 from insgnss.studies import RECEIVERS, ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
@@ -161,3 +163,29 @@ def test_pilot_is_integrated_beyond_a_symbol() -> None:
 
     assert study.summary["lost"].item() == 0.0
     json.dumps(study.asked["options"], allow_nan=False)  # settings are written as a file
+
+
+@pytest.mark.parametrize(
+    ("options", "asked"),
+    [
+        ({"latency_s": 0.05}, {"variants": ("scalar",)}),
+        ({"imu_gaps_s": ((1.0, 2.0),)}, {"variants": ("scalar",)}),
+        ({"phase_kind": "atan"}, {"tracking": "noncoherent"}),
+        ({"spacing_chips": 0.5}, {"variants": ("one_stage", "two_stage")}),
+    ],
+)
+def test_option_that_no_receiver_uses_is_refused(options: dict[str, Any], asked: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"no inertial system|no receiver (tracks|uses)") as error:
+        flown(options, **asked)
+    assert error.value.key == next(iter(options)) and error.value.advice
+
+
+def test_cn0_beside_emitters_is_refused_by_the_command() -> None:
+    """The C/N0 is that of the path past them."""
+    told = CliRunner().invoke(app, ["receiver", "jammed_approach", "-e", "jammed_approach", "--cn0", "33"])
+    assert told.exit_code == 2 and "--cn0 is not used with --emitters" in told.stderr
+
+
+def test_options_that_one_receiver_uses_are_taken() -> None:
+    flown({"latency_s": 0.01, "spacing_chips": 0.5}, variants=("scalar", "one_stage_code"))
+    flown({"spacing_chips": 0.5}, tracking="noncoherent")

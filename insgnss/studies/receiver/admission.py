@@ -289,28 +289,30 @@ def require_slow_oscillator(drift_density: float, channels: ChannelConstants) ->
         )
 
 
-def require_used(o: ReceiverOptions, wanted: Mapping[str, Variant], *, with_ins: bool) -> None:
+def require_used(o: ReceiverOptions, wanted: Mapping[str, Variant], tracking: str, *, with_ins: bool) -> None:
     """Refuse options that no receiver of the study uses.
 
     Raises
     ------
-    ConfigError : settings of an inertial system where there is none, or a divergence of phase and code without code
+    ConfigError : settings of an inertial system where no receiver has one, a phase discriminator where no phase is
+        tracked, a spacing or a divergence of phase and code where no code is
     """
-    of_ins = {
-        "latency_s": o.latency_s > 0.0,
-        "imu_gaps_s": len(o.imu_gaps_s) > 0,
-        "imu_rate_hz": o.imu_rate_hz is not None,
+    usual, receivers = ReceiverOptions(), wanted.values()
+    coherent, with_code = tracking == "coherent", any(variant.with_code for variant in receivers)
+    with_ins = with_ins and any(variant.has_filter for variant in receivers)
+    no_ins = (with_ins, "the receivers have no inertial system", "give an inertial system")
+    add_code = 'add "one_stage_code" to the receivers'
+    needed = {
+        **dict.fromkeys(("latency_s", "imu_gaps_s", "imu_rate_hz"), no_ins),
+        "phase_kind": (coherent, "no receiver tracks the phase", 'give tracking = "coherent"'),
+        "spacing_chips": (with_code or not coherent, "no receiver uses the code", add_code),
+        "divergence_density": (with_code, "no receiver compares phase with code", add_code),
     }
-    unused = [key for key, is_set in of_ins.items() if is_set]
-    if unused and not with_ins:
-        advice = f"give an inertial system, or leave out {unused[0]}"
-        raise ConfigError("the receivers have no inertial system", key=unused[0], advice=advice)
-    if o.divergence_density > 0.0 and not any(variant.with_code for variant in wanted.values()):
-        raise ConfigError(
-            "no receiver compares phase with code",
-            key="divergence_density",
-            advice='add "one_stage_code" to the receivers, or leave it at 0',
-        )
+    for key, (is_used, lacking, cure) in needed.items():
+        value: Any = getattr(o, key)
+        is_set = len(value) > 0 if key == "imu_gaps_s" else value != getattr(usual, key)
+        if is_set and not is_used:
+            raise ConfigError(lacking, key=key, advice=f"{cure}, or leave out {key}")
 
 
 def require_answers(setting: Setting, wanted: Mapping[str, Variant], cn0: Mapping[float, Float64]) -> None:

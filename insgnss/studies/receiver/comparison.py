@@ -168,7 +168,7 @@ def receiver_study(
     _check_code(wanted, tracking)
     asked = FlightRequest(scenario, tracking, imu, oscillator, options, emitters, antennas)
     flight = receiver_flight(asked, wanted, levels, threads)
-    require_used(asked.options, wanted, with_ins=asked.imu is not None)
+    require_used(asked.options, wanted, tracking, with_ins=asked.imu is not None)
     scene, profiles = flight.scene, flight.profiles
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
