@@ -43,6 +43,14 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
     return found
 
 
+def entry(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    """Return the value at a path of keys in nested tables, None where there is no such path."""
+    value: Any = settings
+    for key in keys:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
+
+
 def as_tables(changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return changes whose keys may be dotted as tables within tables."""
     tables: dict[str, Any] = {}

@@ -6,8 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 from insgnss.units import RAD_PER_DEG
 
@@ -31,13 +30,10 @@ def from_earth_axes(r_e: Float64, v_e: Float64) -> tuple[Float64, Float64]:
     ----------
     r_e, v_e : (n, 3) along the axes x, y, z of the Earth [m], [m/s]; a place far from the Earth's surface gives NaN
     """
-    place, velocity, C_ne = np.full(r_e.shape, np.nan), np.full(r_e.shape, np.nan), np.empty((3, 3))
-    radius_m = np.linalg.norm(r_e, axis=1)
-    for k in np.flatnonzero((radius_m > _LEAST_RADIUS_M) & (radius_m < _LARGEST_HEIGHT_M)).tolist():
-        lat, lon, h_m = ecef_to_geodetic(r_e[k])
-        ecef_to_ned_matrix(lat, lon, C_ne)
-        place[k], velocity[k] = (lat / RAD_PER_DEG, lon / RAD_PER_DEG, h_m), C_ne @ v_e[k]
-    return place, velocity
+    radius_m = np.linalg.norm(r_e, axis=1, keepdims=True)
+    near = (radius_m > _LEAST_RADIUS_M) & (radius_m < _LARGEST_HEIGHT_M)
+    place = geodetic(np.where(near, r_e, np.nan))
+    return place / [RAD_PER_DEG, RAD_PER_DEG, 1.0], np.einsum("kij,kj->ki", ned_axes(place), v_e)
 
 
 def distinct_rows(t_ns: Int64, good: Bool) -> Int64:

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pandas as pd
 
+from insgnss.config.changes import entry
 from insgnss.config.flight import FlightConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, ResultError
@@ -89,7 +90,7 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
     """Return the errors of the installation that a run has determined at its end; ``settings`` are the run's."""
     estimates = []
     for part in PARTS:
-        declared = _value(settings, part.declared)
+        declared = entry(settings, part.declared)
         if part.column not in nav or not len(nav) or not isinstance(declared, int | float) or declared <= 0.0:
             continue
         sigma = nav[f"sd_{part.column}"].to_numpy()
@@ -179,7 +180,7 @@ def refuse_other_flight(settings: Mapping[str, Any], config: FlightConfig) -> No
     hashes = settings.get("input_sha256") or {}
     now = config.model_dump(mode="json")
     for table in ("imu", "gnss"):
-        before, given = (_value(each, (table, "files")) or () for each in (settings["flight"], now))
+        before, given = (entry(each, (table, "files")) or () for each in (settings["flight"], now))
         by_content = all(path in hashes for path in before) and all(Path(path).is_file() for path in given)
         if by_content:
             same = [hashes[path] for path in before] == [sha256(Path(path)) for path in given]
@@ -202,7 +203,7 @@ def refuse_other_flight(settings: Mapping[str, Any], config: FlightConfig) -> No
 def _are_both_states(estimates: list[InstallationEstimate], settings: Mapping[str, Any]) -> bool:
     """Return whether a run had lever arm and IMU time as states, and determined no implausible error of either."""
     plausible = all(one.is_plausible for one in estimates if one.part.key in (_LEVER, _TIME))
-    return plausible and all(_value(settings, sigma) for sigma in (_LEVER_SIGMA, _TIME_SIGMA))
+    return plausible and all(entry(settings, sigma) for sigma in (_LEVER_SIGMA, _TIME_SIGMA))
 
 
 def _findings_of_key(estimates: list[InstallationEstimate], now: Any, both: bool) -> list[Finding]:
@@ -248,16 +249,8 @@ def _declared(flight: Mapping[str, Any], key: str) -> Any:
 
     A lever arm that is left out is that of the first antenna, or zero, as in a replay.
     """
-    value = _value(flight, tuple(key.split(".")))
+    value = entry(flight, tuple(key.split(".")))
     if value is None and key == _LEVER:
-        antennas: Any = _value(flight, ("gnss", "antenna")) or ({},)
+        antennas: Any = entry(flight, ("gnss", "antenna")) or ({},)
         value = antennas[0].get("lever_arm_m") or (0.0, 0.0, 0.0)
     return list(value) if isinstance(value, tuple) else value
-
-
-def _value(settings: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
-    """Return an entry of nested tables, None where a table or the entry is missing."""
-    value: Any = settings
-    for key in keys:
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return value

@@ -179,7 +179,7 @@ def point(
     table = point_table(out, prepared, limits, logs.gnss, week, setup.clock_groups)
     return PointRun(
         point=table,
-        residuals=residual_table(out, prepared, logs.gnss, week),
+        residuals=residual_table(out, logs.gnss, week),
         events=event_table(logs.events + found, week),
         errors=_errors(table, logs, week),
         settings={

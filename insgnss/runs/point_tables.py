@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-import pymap3d
 
 from insgnss.geodesy.directions import angle_columns
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.gnss.dilution import DOPS
 from insgnss.gnss.least_squares import CLOCKS
 from insgnss.gnss.observation_rows import ABSENT
@@ -19,6 +19,7 @@ from insgnss.results.table_files import words
 from insgnss.runs.result_tables import status_words
 from insgnss.status import INCONSISTENT
 from insgnss.tables import Float64, GnssTable
+from insgnss.units import RAD_PER_DEG
 
 VERDICTS: Final[dict[int, str]] = {
     integrity.OK: "ok",
@@ -36,11 +37,13 @@ def point_table(
     out: PointLog, rows: PointRows, limits: Float64, gnss: GnssTable, week: int, clock_groups: tuple[str, ...]
 ) -> pd.DataFrame:
     """Return one row per epoch: position, velocity, clocks, their sigmas, dilution, test and verdict."""
-    lat, lon, h = _geodetic(out.r_e)
-    C_ne = _ned_axes(lat, lon)
+    place = geodetic(out.r_e)
+    C_ne = ned_axes(place)
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows.epoch_ns, week)}
     columns |= {f"{axis}_m": out.r_e[:, i] for i, axis in enumerate("xyz")}
-    columns |= {"lat_deg": lat, "lon_deg": lon, "h_m": h}
+    columns |= dict(
+        zip(("lat_deg", "lon_deg", "h_m"), (place / [RAD_PER_DEG, RAD_PER_DEG, 1.0]).T, strict=True)
+    )
     v_n = np.einsum("kij,kj->ki", C_ne, out.v_e)
     columns |= {f"v{axis}_mps": v_n[:, i] for i, axis in enumerate(_AXES)}
     columns |= _covariances(C_ne @ out.P[:, :3, :3] @ C_ne.transpose(0, 2, 1), "{}_m", "cov_{}_m2")
@@ -62,7 +65,7 @@ def point_table(
     return pd.DataFrame(columns)
 
 
-def residual_table(out: PointLog, rows: PointRows, gnss: GnssTable, week: int) -> pd.DataFrame:
+def residual_table(out: PointLog, gnss: GnssTable, week: int) -> pd.DataFrame:
     """Return one row for each value in the log, pseudorange before range rate, in the log's order.
 
     ``residual`` is measured minus predicted by the solution, of rows that are not in it too; ``sd`` the measurement's
@@ -97,21 +100,6 @@ def _verdicts(out: PointLog, rows: PointRows, gnss: GnssTable, kind: int) -> lis
         if out.verdict[epoch, kind] == integrity.EXCLUDED:
             words[epoch] += ": " + " ".join(sorted(names))
     return words
-
-
-def _geodetic(r_e: Float64) -> tuple[Float64, Float64, Float64]:
-    """Return latitude, longitude [deg] and height [m] (m,), NaN where there is no position."""
-    lat, lon, h = np.full((3, len(r_e)), np.nan)
-    there = np.isfinite(r_e[:, 0])
-    if there.any():
-        lat[there], lon[there], h[there] = pymap3d.ecef2geodetic(*r_e[there].T)
-    return lat, lon, h
-
-
-def _ned_axes(lat_deg: Float64, lon_deg: Float64) -> Float64:
-    """Return C_ne (m, 3, 3)."""
-    columns = [np.column_stack(pymap3d.ecef2nedv(*axis, lat_deg, lon_deg)) for axis in np.eye(3)]
-    return np.stack(columns, axis=2)
 
 
 def _covariances(P: Float64, sigma: str, product: str) -> dict[str, Float64]:

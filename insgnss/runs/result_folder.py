@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow as pa
 from pandas.api.types import is_bool_dtype, is_numeric_dtype
 
+from insgnss.config.changes import entry
 from insgnss.errors import ResultError
 from insgnss.results.saving import RECORD, first_changed, reading, saved_as
 from insgnss.results.table_files import read_csv
@@ -284,7 +285,7 @@ def _settings(path: Path) -> dict[str, Any]:
     for keys in _TABLES_OF_SETTINGS:
         _check_entry(settings, keys, path, lambda value: isinstance(value, dict))
     for table in (("took",), ("filter", "gates")):
-        for name in _at(settings, table) or {}:
+        for name in entry(settings, table) or {}:
             _check_entry(settings, (*table, name), path, _is_number)
     for keys in (("flight", "name"), ("filter", "name"), ("made",)):
         _check_entry(settings, keys, path, lambda value: isinstance(value, str))
@@ -299,16 +300,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST_OF_OTHERS
 
 
-def _at(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
-    """Return the value at a path of keys, None where there is no such path."""
-    value: Any = settings
-    for key in keys:
-        value = value.get(key) if isinstance(value, dict) else None
-    return value
-
-
 def _check_entry(settings: Mapping[str, Any], keys: Sequence[str], path: Path, is_right: Any) -> None:
-    value = _at(settings, keys)
+    value = entry(settings, keys)
     if value is not None and not is_right(value):
         key = ".".join(keys)
         raise ResultError(

@@ -23,6 +23,7 @@ from insgnss.config.simulation import (
 )
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
+from insgnss.geodesy.local_level import geodetic
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.simulation import faults
@@ -32,7 +33,6 @@ from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.further_receivers import FurtherReceiver, FurtherReceivers, local_only
 from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.itinerary import course_of, knot_s_of
-from insgnss.simulation.local_level import geodetic
 from insgnss.simulation.logged_reference import follow_reference
 from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
 from insgnss.simulation.observations import SYSTEM, Fault, NoiseTerms, SimulatedReceiver

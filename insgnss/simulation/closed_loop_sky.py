@@ -21,11 +21,11 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import C_MPS, WGS84_GM_M3PS2
 from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import directions
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.kernels.jit import kernel
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import Trajectory, earth_turn
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.admissible import require_within

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import SPLINE_DEGREE, Trajectory
 from insgnss.tables import Float64, ReferenceTable
 

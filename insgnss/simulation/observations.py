@@ -16,12 +16,12 @@ import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.directions import unit_vectors
+from insgnss.geodesy.local_level import ned_axes
 from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
 from insgnss.simulation.disturbance import Disturbance, ObservationNoise, PathErrors, SkyGeometry
-from insgnss.simulation.local_level import ned_axes
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.signal_paths import AntennaMotion as AntennaMotion
 from insgnss.simulation.signal_paths import SignalPaths as SignalPaths

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import NS_PER_S
-from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import TrajectoryState
 from insgnss.tables import ReferenceTable
 

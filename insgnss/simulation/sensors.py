@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config import simulated_sensors as told
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.simulation.imu import gauss_markov
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.tables import Float64, SensorTable
 from insgnss.units import RAD_PER_DEG

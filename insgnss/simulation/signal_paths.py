@@ -9,9 +9,9 @@ import numpy as np
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
 from insgnss.geodesy.directions import angles_of
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.simulation.constellation import ConstellationStates, satellite_states
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import EphemerisTable, Float64
 

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import FlightConfig
 from insgnss.constants import C_MPS
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.simulation.atmosphere import broadcast_atmosphere
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.observations import AntennaMotion, signal_paths
 from insgnss.simulation.sample_flight import (
     FILES,

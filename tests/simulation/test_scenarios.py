@@ -12,12 +12,12 @@ import insgnss
 from insgnss.config.library import find, names
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import ConfigError
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gnss.range_model import path_delay
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.runs.simulate import Simulation, simulate
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.observations import antenna_motion
 from tests.inertial.strapdown import fly
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError
 from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.local_level import ned_axes
 from insgnss.simulation import journeys
-from insgnss.simulation.local_level import ned_axes
 from insgnss.simulation.trajectory import Trajectory
 from tests.geodesy.somigliana import somigliana
 from tests.simulation.inertial_integration import gravitation_i, integrate

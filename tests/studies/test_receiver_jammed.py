@@ -14,10 +14,10 @@ import pytest
 from insgnss.config.interference import Emitter, InterferenceConfig, LoopReceiver
 from insgnss.constants import C_MPS
 from insgnss.errors import ModelError
+from insgnss.geodesy.local_level import geodetic
 from insgnss.gnss.signals import signal_of
 from insgnss.interference.spectra import modulation_of
 from insgnss.runs.margin.loops import separation
-from insgnss.simulation.local_level import geodetic
 from insgnss.studies import ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz

@@ -38,6 +38,7 @@ from insgnss.geodesy.rotations import (
     cross_matrix,
     matrix_to_euler,
     matrix_to_quaternion,
+    rotation_matrix,
     rotation_vector,
 )
 from insgnss.tables import Float64
@@ -122,7 +123,7 @@ def add_to_state(m: StateRecord, d: Float64, layout: Layout) -> None:
     if layout.clone:
         m.r_clone[:] += d[end : end + 3]
         m.clock_clone += d[end + 3]
-    set_attitude(m, rotation(d[PSI : PSI + 3]) @ m.C_eb)
+    set_attitude(m, rotation_matrix(d[PSI : PSI + 3]) @ m.C_eb)
 
 
 def set_attitude(m: StateRecord, C_eb: Float64) -> None:
@@ -130,15 +131,6 @@ def set_attitude(m: StateRecord, C_eb: Float64) -> None:
     m.C_swung[:] = C_eb @ m.C_eb.T @ m.C_swung
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
-
-
-def rotation(psi: Float64) -> Float64:
-    """Return exp([psi x]) (3, 3)."""
-    angle = float(np.linalg.norm(psi))
-    if angle < 1e-12:
-        return np.eye(3)
-    K = cross_matrix(psi / angle)
-    return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K)
 
 
 def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: Layout) -> Bank:
@@ -216,7 +208,7 @@ def turn_member(
     variance = float(u @ P @ u)
     g = P @ u / variance
     P -= np.outer(g, g) * (variance - sigma**2)
-    C_before, R = m.C_eb.copy(), rotation(turn * up)
+    C_before, R = m.C_eb.copy(), rotation_matrix(turn * up)
     l_e, rate = C_before @ lever_of(m, lever_b, layout), EARTH_RATE_E
     antenna, apparent = m.r_e + l_e, m.b_g + C_before.T @ rate
     d = g * turn

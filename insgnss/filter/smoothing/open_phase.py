@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.diagnosis.supposed_faults import quiet
-from insgnss.filter.headings.heading_bank import rotation, set_attitude, turn_member
+from insgnss.filter.headings.heading_bank import set_attitude, turn_member
 from insgnss.filter.headings.headings import turn_about, yaw_variance
 from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP, new_output
@@ -38,6 +38,7 @@ from insgnss.filter.smoothing.smoother_step import (
 )
 from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
 from insgnss.filter.update.epoch_space import new_workspace
+from insgnss.geodesy.rotations import rotation_matrix
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64, Int64
 
@@ -115,5 +116,5 @@ def _attitude_before(
     before = carried.state[0].C_eb.copy()
     seconds = (end_ns - int(bank.head[0].now_ns)) / NS_PER_S
     carry_bank(carried, end_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
-    R = rotation(np.array([0.0, 0.0, -WGS84_OMEGA_RADPS * seconds]))
+    R = rotation_matrix(np.array([0.0, 0.0, -WGS84_OMEGA_RADPS * seconds]))
     return np.asarray(R.T @ smoothed.C_eb @ carried.state[0].C_eb.T @ R @ before)

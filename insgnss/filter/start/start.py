@@ -213,7 +213,7 @@ def open_bank(
         P[:] = 0.5 * (P + P.T)
         tie_offsets(m, P, layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
-            _hang_on_antenna(m, P, w_ib_b, par.lever_b, layout)
+            _hang_on_antenna(m, P, par.lever_b, layout)
         to_imu_time(m, P, layout)
         P[:] = 0.5 * (P + P.T)
     return bank
@@ -300,7 +300,7 @@ def _place_attitude_covariance(
     P[psi, psi] += C_ne.T @ np.diag([tilt**2, tilt**2, attitude.sd_yaw**2]) @ C_ne
 
 
-def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float64, layout: Layout) -> None:
+def _hang_on_antenna(m: StateRecord, P: Float64, lever_b: Float64, layout: Layout) -> None:
     """Turn the antenna's position and velocity errors in the covariance into the IMU's, which hangs on the lever arm.
 
     Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l), w = w_ib - e, e the gyros' error
@@ -311,7 +311,7 @@ def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float
 
     Parameters
     ----------
-    m : the state, its errors taken off ``w_ib_b`` [rad/s]
+    m : the state; ``m.w_last`` is w_ib_b without the gyros' errors [rad/s]
     lever_b : (3,) IMU to antenna [m]
     """
     C = m.C_eb

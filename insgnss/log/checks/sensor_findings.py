@@ -15,8 +15,7 @@ import numpy as np
 from insgnss.config.sensors import Sensor
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.log.checks.report import Finding, Severity, from_events
 from insgnss.log.checks.track import GnssTrack
@@ -109,12 +108,8 @@ def sensor_findings(
 
 
 def _local(track: GnssTrack) -> _LocalTrack:
-    place, v_n, C_ne = np.zeros((len(track.t_s), 3)), np.zeros((len(track.t_s), 3)), np.zeros((3, 3))
-    for k, (r_e, v_e) in enumerate(zip(track.r_e, track.v_e, strict=True)):
-        place[k] = ecef_to_geodetic(r_e)
-        ecef_to_ned_matrix(place[k, 0], place[k, 1], C_ne)
-        v_n[k] = C_ne @ v_e
-    return _LocalTrack(track.t_s, v_n, place)
+    place = geodetic(track.r_e)
+    return _LocalTrack(track.t_s, np.einsum("kij,kj->ki", ned_axes(place), track.v_e), place)
 
 
 def _at(gnss: _LocalTrack, t_s: Float64, of: Float64) -> Float64:

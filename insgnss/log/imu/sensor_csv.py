@@ -24,7 +24,7 @@ from insgnss.config.sensors import (
 )
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import geodetic
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import ColumnSelection
@@ -123,9 +123,8 @@ def _attitude(config: Any, values: Float64) -> Float64:
 
 def _position(config: Any, values: Float64) -> Float64:
     if config.frame == "ecef":
-        found = np.full(values.shape, np.nan)
-        for k in np.flatnonzero(np.linalg.norm(values, axis=1) > 1e6):
-            found[k] = ecef_to_geodetic(values[k])
+        on_earth = np.linalg.norm(values, axis=1, keepdims=True) > 1e6
+        found = geodetic(np.where(on_earth, values, np.nan))
     else:
         found = values * (RAD_PER_DEG, RAD_PER_DEG, 1.0)
     if config.height == "sea_level":

@@ -98,7 +98,7 @@ class RtcmObservations:
             (cell.satellite_id, cell.signal_id): cell.lli
             for cell in self.trackers[header.reference_station_id].observe(msm)
         }
-        satellites = {sat.id: _satellite(system, sat, kind) for sat in msm.satellites}
+        satellites = {sat.id: _satellite(system, sat) for sat in msm.satellites}
         code_bits, code_ms, phase_bits, phase_ms, cn0_db = _FINE[kind]
         no_code, no_phase = -(1 << code_bits - 1), -(1 << phase_bits - 1)
         for cell in msm.signals:
@@ -197,7 +197,7 @@ def _legacy_name(system: str, number: int) -> str:
     return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
 
 
-def _satellite(system: str, seen: Any, kind: int) -> tuple[str, float, float, int | None]:
+def _satellite(system: str, seen: Any) -> tuple[str, float, float, int | None]:
     """Return a satellite's name, rough range [ms], rough range rate [m/s] and GLONASS channel."""
     number = seen.id + (_SBAS_OFFSET if system == "S" else 0)
     name = f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""

@@ -121,7 +121,7 @@ class CovarianceRun:
         self._predict(self._attitude(t_s, banks=self.sensors_bank))
         at = np.full((1, len(self.seen)), t_s)
         u_n = self.sky.directions(at)[0]
-        rows = [_rows_towards(m, self.par[0], u_e) for u_e in u_n @ self.sky.C_ne]
+        rows = [_rows_towards(m, u_e) for u_e in u_n @ self.sky.C_ne]
         D = [
             (predicted_variance(P, a, RANGE_COLUMNS), predicted_variance(P, b, RATE_COLUMNS)) for a, b in rows
         ]
@@ -213,7 +213,7 @@ def _parameters(scenario: ScenarioConfig, grade: ImuGrade, clock: Oscillator) ->
     return par
 
 
-def _rows_towards(m: Any, par: Any, u_e: Float64) -> tuple[Float64, Float64]:
+def _rows_towards(m: Any, u_e: Float64) -> tuple[Float64, Float64]:
     """Return the filter's rows of H of a pseudorange and a range rate towards ``u_e``, without lever arm.
 
     Neglects: the range rate's dependence on position, 1e-4 1/s.

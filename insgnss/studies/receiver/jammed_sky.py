@@ -12,12 +12,12 @@ from insgnss.config.interference import InterferenceConfig
 from insgnss.config.library import file_of
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.interference.margin import db, ratio
 from insgnss.runs.margin.link import emitter_gain, link
 from insgnss.runs.margin.loops import signal_loop
 from insgnss.runs.margin.path import FlownPath
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.tables import Float64
 
 LINK_STEP_S: Final = 0.1  # at which the link and the gains are evaluated

@@ -134,7 +134,7 @@ def run_receiver(
             room.seen[SEEN_CODE] += led_m
             room.seen[SEEN_ANGLE] += led_m
             if not silent:
-                take_observation(receiver, channels, channels.table[told.level[k, c]], estimate, f, room, c)
+                take_observation(receiver, channels, channels.table[told.level[k, c]], f, room, c)
         if receiver.kind == ONE_STAGE:
             close_loop(m, f.v[0], f.P.shape[0])
         elif with_filter and (step + 1) % receiver.interval == 0:
@@ -202,7 +202,6 @@ def take_observation(
     receiver: ReceiverDesign,
     channels: ChannelConstants,
     row: Float64,
-    estimate: Float64,
     f: FilterRoom,
     room: ChannelRoom,
     c: int,

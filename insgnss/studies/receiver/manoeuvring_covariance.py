@@ -26,6 +26,7 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.errors import ConfigError
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.error_state import BA, BG, CLOCK, DR, DRIFT, DV, FURTHER, PSI
 from insgnss.inertial.sensor_model import sensor_model
@@ -36,7 +37,6 @@ from insgnss.interference.linear_threshold import require_cn0, threshold_cn0_dbh
 from insgnss.interference.margin import PhaseLoop, db, ratio
 from insgnss.interference.phase_models import checked_directions
 from insgnss.kernels.jit import kernel
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import Float64, Int64
 from insgnss.units import deg_per_h_to_radps, mg_to_mps2

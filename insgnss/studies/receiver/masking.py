@@ -24,9 +24,9 @@ import numpy as np
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, VisibilityLimits, look_at_all, new_looks
 from insgnss.filter.state import PSI
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.runs.margin.link import emitter_gain
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
-from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
 from insgnss.studies.receiver.workspace import FilterRoom
 from insgnss.tables import Bool, Float64, Int8

@@ -20,8 +20,8 @@ import pandas as pd
 
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
+from insgnss.geodesy.local_level import ned_axes
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.simulation.local_level import ned_axes
 from insgnss.simulation.observations import WAVELENGTH_M
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import BORDER_S, SignalSky
