@@ -25,9 +25,13 @@ def acquire(
     ] = False,
     sample_type: Annotated[str, typer.Option("--type", help="'int8' or 'int16'.")] = "int8",
     order: Annotated[str, typer.Option("--order", help="'iq' or 'qi'.")] = "iq",
-    skip: Annotated[int, typer.Option("--skip", help="Bytes of a header.")] = 0,
-    start: Annotated[float, typer.Option("--start", help="Seconds into the recording.")] = 0.0,
-    look: Annotated[int, typer.Option("--look", min=1, max=20, help="Coherent milliseconds.")] = 2,
+    skip: Annotated[int, typer.Option("--skip", help="Bytes of the header, to be skipped.")] = 0,
+    start: Annotated[
+        float, typer.Option("--start", help="Start of the search, in seconds of the recording.")
+    ] = 0.0,
+    look: Annotated[
+        int, typer.Option("--look", min=1, max=20, help="Coherent integration in milliseconds.")
+    ] = 2,
     looks: Annotated[
         int, typer.Option("--looks", min=1, max=1000, help="Number of looks summed non-coherently.")
     ] = 20,

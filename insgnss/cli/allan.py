@@ -28,7 +28,7 @@ def allan(
     like: Annotated[
         str | None,
         typer.Option(
-            "--like", help="A grade of the library, for the terms that a log at rest does not show."
+            "--like", help="A grade of the library that supplies the terms which a log at rest does not show."
         ),
     ] = None,
     first: Annotated[

@@ -27,7 +27,8 @@ _FAILURES_SHOWN = 5
 def campaign(
     campaign: Annotated[str, typer.Argument(help="A campaign file (.toml), or a name in models/campaigns.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of the results; goes on with what is there.")
+        Path,
+        typer.Option("--output", "-o", help="Folder of the results; a campaign that is there is continued."),
     ],
     workers: Annotated[
         int | None,
@@ -39,18 +40,18 @@ def campaign(
         str | None,
         typer.Option(
             "--scheduler",
-            help="Address of a running Dask cluster's, as tcp://host:8786 (needs the extra 'campaign').",
+            help="Address of a running Dask scheduler, such as tcp://host:8786 (needs the extra 'campaign').",
         ),
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Also do the tasks again in which a run failed.")
+        bool, typer.Option("--retry-failed", help="Also repeat the tasks in which a run failed.")
     ] = False,
     by: Annotated[
-        str, typer.Option("--by", help="Columns that make a group of the summary, as case,way.")
+        str, typer.Option("--by", help="Columns by which the summary is grouped, such as case,way.")
     ] = "case",
     as_json: AsJson = False,
 ) -> None:
-    """Run the remainder of a campaign, write one Parquet file a task, and print a summary of all results."""
+    """Run a campaign or the rest of it, write one Parquet file per task, and print a summary of all results."""
     began = time.perf_counter()
     with own_errors_told():
         from insgnss.studies.campaign.results import failures, summary, with_parameters

@@ -22,13 +22,13 @@ def check(
     write: Annotated[
         Path | None,
         typer.Option(
-            help="Write a copy of the flight file with the sure proposals, each with a comment that says why."
+            help="Write a copy of the flight file with the certain proposals, each with a comment that says why."
         ),
     ] = None,
     run: Annotated[
         Path | None,
         typer.Option(
-            help="A saved run of this flight: its lever arm, IMU time and mounting are proposed as well."
+            help="A saved run of this flight: also propose its lever arm, IMU time offset and mounting."
         ),
     ] = None,
 ) -> None:
@@ -71,7 +71,7 @@ def check(
             end += ": no finding has a correction"
         left = len(report.proposals) - len(sure)
         if left and (write or not sure):
-            end += f"; {left} likely key(s) are left for you to enter: only sure ones are written"
+            end += f"; {left} likely key(s) are left for you to enter: only certain ones are written"
         compiled = f"compiled for {report.compile_s:.0f} s, " if report.compile_s else ""
         typer.echo(f"{compiled}read {len(files)} files in {took_s:.2f} s; {end}")
     if report.severity == "error":

@@ -27,16 +27,16 @@ def compare(
         list[Path], typer.Argument(help="Saved runs (their folders); the others are compared with the first.")
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The page; none is written without it.")
+        Path | None, typer.Option("--output", "-o", help="The page; without it none is written.")
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare runs of a flight: differences over time, statistics, sigma beside each other."""
+    """Compare runs of a flight: differences over time, statistics, sigmas side by side."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(*runs)):
         if len(runs) < 2:
-            raise ConfigError("one run alone", key="RUNS", advice="give two or more")
+            raise ConfigError("only one run is given", key="RUNS", advice="give two or more")
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.compare import compare_runs, write_comparison
         from insgnss.runs.result import Run

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def consistency(
-    run: Annotated[Path, typer.Argument(help="A saved run: its folder.")],
+    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
+        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
     ] = None,
     confidence: Annotated[
         float, typer.Option("--confidence", help="Probability that a consistent filter is within each bound.")
@@ -36,7 +36,7 @@ def consistency(
     start: Annotated[
         float | None,
         typer.Option(
-            "--from", help="Start time, seconds of the week; default: when the heading became known."
+            "--from", help="Start time in seconds of the week; by default when the heading becomes known."
         ),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,

@@ -36,31 +36,32 @@ def convert(
         datetime | None,
         typer.Option(
             formats=["%Y-%m-%d"],
-            help="UTC date of the first epoch, for RTCM streams and NMEA that do not say it.",
+            help="UTC date of the first epoch, for RTCM streams and NMEA that do not contain it.",
         ),
     ] = None,
     imu_scale: Annotated[
         str,
         typer.Option(
             metavar="RAD,MPS",
-            help="Angle and velocity of one count of a NovAtel inertial sensor whose type is not known.",
+            help="Angle and velocity of one count of a NovAtel inertial sensor of unknown type.",
         ),
     ] = "",
     topic: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PART=TOPIC",
-            help="Where several fit: imu=vehicle_imu:1, reference=vehicle_gps_position, gnss=/ublox/rawx.",
+            help="The topic to read, where several fit: imu=vehicle_imu:1, reference=vehicle_gps_position,"
+            " gnss=/ublox/rawx.",
         ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read a receiver's files of any format and write CSV, a RINEX navigation file and a first flight file.
+    """Convert a receiver's own files to CSV, a RINEX navigation file and a draft flight file.
 
-    If measurements and inertial samples are in two files, give both in one call: of one maker, or of two (an
-    autopilot's ULog and its receiver's UBX). One of them holds measurements, one inertial samples. The receiver's own
-    solution becomes reference.csv; fixes that stand beside it, as in an autopilot's log, become fixes.csv.
+    If one file holds the measurements and another the inertial samples, give both in one call. They may be of
+    different makers, such as an autopilot's ULog and its receiver's UBX. The receiver's own solution becomes
+    reference.csv. An autopilot's log also has its receiver's fixes: they become fixes.csv.
     """
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs

@@ -9,11 +9,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 import typer
 
 from insgnss.errors import InsGnssError
+
+# what the options are called in Python, where an error may arise that names them
+_OPTIONS: Final = {"output": "--rate, --times", "point": "--point"}
 
 
 @contextmanager
@@ -24,6 +27,7 @@ def own_errors_told() -> Iterator[None]:
             warnings.showwarning = _sentence_of(warnings.showwarning)
             yield
     except InsGnssError as error:
+        error.key = _OPTIONS.get(str(error.key), error.key)
         print(f"error: {error}", file=sys.stderr)
         raise typer.Exit(error.exit_code) from None
 

@@ -19,13 +19,13 @@ def export(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")],
     format: Annotated[
         str | None,
-        typer.Option("--format", help="One of the formats above; by default the file's ending."),
+        typer.Option("--format", help="One of the formats above; by default that of the file's ending."),
     ] = None,
     at_point: Annotated[
         bool,
         typer.Option(
             "--at-point",
-            help="The point of the run's --point (a camera, a radar) in place of the IMU's position.",
+            help="Write the point of the run's --point (a camera, a radar) in place of the IMU.",
         ),
     ] = False,
     force: Force = False,

@@ -10,19 +10,19 @@ if TYPE_CHECKING:
     from insgnss.config.filter import FilterConfig
 
 FilterName = Annotated[
-    str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file (.toml).")
+    str, typer.Option("--filter", "-f", help="Name of a filter in the library, or a file (.toml).")
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="KEY=VALUE, a setting of the filter, as gates.pseudorange_sigma=4; can be given again."
+        "--set", help="KEY=VALUE: a setting of the filter, such as gates.pseudorange_sigma=4; repeatable."
     ),
 ]
 
 Integrity = Annotated[
     bool,
     typer.Option(
-        "--integrity", help="Also give protection levels: the filter runs once more for each satellite."
+        "--integrity", help="Also compute protection levels: one more filter run for each satellite."
     ),
 ]
 

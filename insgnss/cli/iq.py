@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 def iq(
     scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     loss: Annotated[
-        list[float] | None, typer.Option("--loss", help="dB taken from every C/N0; again for more runs.")
+        list[float] | None,
+        typer.Option("--loss", help="Loss in dB of every C/N0; repeatable, one run for each."),
     ] = None,
     receiver: Annotated[
-        list[str] | None, typer.Option("--receiver", "-r", help="'aided' or 'unaided'; both without it.")
+        list[str] | None, typer.Option("--receiver", "-r", help="'aided' or 'unaided'; both by default.")
     ] = None,
     duration: Annotated[float, typer.Option("--duration", help="Seconds of the flight.")] = 60.0,
     settings: Annotated[
@@ -40,7 +41,8 @@ def iq(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", min=1, help="Receivers at the same time.")] = 2,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for tables and picture; none without it.")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,

@@ -49,7 +49,9 @@ def margin(
             help="Emitters, receiver and dynamics: a name in models/emitters, or a file (TOML).",
         ),
     ] = None,
-    signal: Annotated[str, typer.Option("--signal", "-s", help="A name, or RINEX G:C1C.")] = "GPS L1 C/A",
+    signal: Annotated[
+        str, typer.Option("--signal", "-s", help="A name, or its RINEX code such as G:C1C.")
+    ] = "GPS L1 C/A",
     discriminator: Annotated[
         str, typer.Option("--discriminator", "-d", help="Q, atan(Q/I), sign(I)Q or IQ.")
     ] = "IQ",
@@ -83,27 +85,28 @@ def margin(
     ] = None,
     cn0: Annotated[
         float | None,
-        typer.Option("--cn0", help="C/N0 without interference, in dBHz; thermal noise counts then."),
+        typer.Option("--cn0", help="C/N0 without interference, in dBHz: includes thermal noise."),
     ] = None,
     acceleration: Annotated[
         float | None,
         typer.Option(
             "--acceleration",
-            help="One sigma in m/s^2 along the line of sight: the motion that a loop without INS must follow.",
+            help="Acceleration along the line of sight, one sigma in m/s^2, that a loop without INS must follow.",
         ),
     ] = None,
     lasting: Annotated[
-        float, typer.Option("--lasting", help="Correlation time of that acceleration, in seconds.")
+        float, typer.Option("--acceleration-time", "--lasting", help="Its correlation time, in seconds.")
     ] = 5.0,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Find the thresholds of the discriminators by simulation too.")
+        bool, typer.Option("--simulate", help="Also find the thresholds of the discriminators by simulation.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")] = 1,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for tables and pictures; none without it.")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
     ] = None,
     step: Annotated[
-        float, typer.Option("--step", help="Seconds between two epochs of the run; 0 takes all.")
+        float, typer.Option("--step", help="Seconds between two epochs of the run; 0: all.")
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,

@@ -33,10 +33,11 @@ def outage(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     window: Annotated[
         list[str] | None,
-        typer.Option("--window", help="FROM:UNTIL in seconds of the week; can be given again."),
+        typer.Option("--window", help="FROM:UNTIL in seconds of the week; repeatable."),
     ] = None,
     every: Annotated[
-        float | None, typer.Option("--every", help="Seconds from the beginning of one window to the next.")
+        float | None,
+        typer.Option("--every", help="Seconds from the start of one window to the start of the next."),
     ] = None,
     random: Annotated[
         int | None, typer.Option("--random", help="Number of random windows, not overlapping.")
@@ -49,10 +50,10 @@ def outage(
     ] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random windows.")] = 1,
     satellites: Annotated[
-        str, typer.Option("--sv", help="Remove only these satellites, as in G01,G07; all by default.")
+        str, typer.Option("--sv", help="Remove only these satellites, such as G01,G07; all by default.")
     ] = "",
     constellations: Annotated[
-        str, typer.Option("--constellation", help="Remove only these constellations, as in R,E.")
+        str, typer.Option("--constellation", help="Remove only these constellations, such as R,E.")
     ] = "",
     kinds: Annotated[
         str,
@@ -62,12 +63,14 @@ def outage(
         ),
     ] = "",
     after: Annotated[float, typer.Option("--after", help="Seconds evaluated after each window.")] = 60.0,
-    rate: Annotated[float, typer.Option("--rate", help="Rate of the compared solution, in Hz.")] = 1.0,
+    rate: Annotated[
+        float, typer.Option("--rate", help="Rate in Hz at which the solutions are compared.")
+    ] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
+        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,
@@ -150,10 +153,14 @@ def _print(study: OutageStudy) -> None:
     for against in study.percentiles["against"].unique():
         console.print(_table(study, str(against)))
     back = study.windows["sd_back_s"].dropna()
-    times = f"median {back.median():.1f} s, longest {back.max():.1f} s" if len(back) else "in none"
-    console.print(f"{len(study.windows)} windows without {study.asked['removal']}", highlight=False)
+    times = (
+        f"median {back.median():.1f} s, longest {back.max():.1f} s"
+        if len(back)
+        else "longer than evaluated (see --after)"
+    )
+    console.print(f"{len(study.windows)} windows; removed: {study.asked['removal']}", highlight=False)
     console.print(
-        f"position sigma back within 10 % of the undisturbed one's: {times}"
+        f"time until the position sigma is within 10 % of the undisturbed one: {times}"
         f" ({len(back)} of {len(study.windows)} windows)",
         highlight=False,
     )

@@ -29,7 +29,8 @@ _MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m",
 def point(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the tables; none is written without it.")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the tables; without it nothing is saved."),
     ] = None,
     filter: FilterName = "tight",
     settings: Settings = None,

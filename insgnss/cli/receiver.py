@@ -40,9 +40,7 @@ def receiver(
         ),
     ] = "scalar,aided,two_stage,optimal,one_stage",
     tracking: Annotated[str, typer.Option("--tracking", help="coherent or noncoherent.")] = "coherent",
-    imu: Annotated[
-        str, typer.Option("--imu", help="An IMU grade in the library; none: no inertial system.")
-    ] = "industrial",
+    imu: Annotated[str, typer.Option("--imu", help="An IMU grade in the library, or 'none'.")] = "industrial",
     oscillator: Annotated[
         str, typer.Option("--oscillator", help="A name in the library, or a density in rad^2/s^3.")
     ] = "tcxo",
@@ -58,21 +56,23 @@ def receiver(
     duration: Annotated[
         float | None,
         typer.Option(
-            "--duration", help="Seconds of a run. Default: 40 s from the start of the average, or less."
+            "--duration",
+            help="Length of a run in seconds. Default: until 40 s after averaging begins, or less.",
         ),
     ] = None,
     settle: Annotated[
-        float, typer.Option("--settle", help="Second of a run at which C/N0 falls to its value.")
+        float,
+        typer.Option("--settle", help="Time in the run, in seconds, at which the C/N0 falls to its value."),
     ] = 40.0,
     average_from: Annotated[
         float | None,
         typer.Option(
             "--average-from",
-            help="Second of a run from which errors are averaged. Default: as soon as the predicted errors of the "
-            "slowest receiver have settled at the lowest C/N0, at most 120 s after the fall.",
+            help="Time in the run, in seconds, from which errors are averaged. Default: when the predicted errors of "
+            "the slowest receiver have settled at the lowest C/N0, at most 120 s after the fall.",
         ),
     ] = None,
-    step: Annotated[float, typer.Option("--step", help="Seconds of an integration.")] = 5e-3,
+    step: Annotated[float, typer.Option("--step", help="Integration time in seconds.")] = 5e-3,
     interval: Annotated[
         float, typer.Option("--interval", help="Seconds between two updates of a second stage.")
     ] = 0.1,
@@ -80,7 +80,8 @@ def receiver(
         float, typer.Option("--latency", help="Delay in seconds before an inertial sample is available.")
     ] = 0.0,
     least: Annotated[
-        float | None, typer.Option("--least", help="C/N0 in dBHz below which a channel is not used.")
+        float | None,
+        typer.Option("--min-cn0", "--least", help="C/N0 in dBHz below which a channel is not used."),
     ] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="Let the receiver estimate its C/N0.")] = False,
     antenna: Annotated[
@@ -91,7 +92,9 @@ def receiver(
     ] = None,
     told: Annotated[
         float | None,
-        typer.Option("--told", help="C/N0 in dBHz that the receiver assumes, whatever the true one."),
+        typer.Option(
+            "--assumed-cn0", "--told", help="C/N0 in dBHz that the receiver assumes, whatever the true value."
+        ),
     ] = None,
     masking: Annotated[
         bool,
@@ -101,7 +104,7 @@ def receiver(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and pictures; none is written without it."),
+        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
     force: Force = False,

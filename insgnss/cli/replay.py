@@ -36,7 +36,7 @@ _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
 def replay(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
+        Path | None, typer.Option("--output", "-o", help="Folder for the run; without it nothing is saved.")
     ] = None,
     filter: FilterName = "tight",
     settings: Settings = None,
@@ -54,7 +54,9 @@ def replay(
     integrity: Integrity = False,
     aiding: Annotated[
         float | None,
-        typer.Option("--aiding", help="Rate in Hz of the tracking loop aiding for each satellite."),
+        typer.Option(
+            "--aiding", help="Also predict Doppler and code for the tracking loops, at this rate in Hz."
+        ),
     ] = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[

@@ -25,7 +25,9 @@ def report(
         Path | None,
         typer.Option("--figures", help="Also write figures for a paper into this folder."),
     ] = None,
-    form: Annotated[str, typer.Option("--form", help="Format of the figures: pdf, svg or png.")] = "pdf",
+    form: Annotated[
+        str, typer.Option("--figure-format", "--form", help="Format of the figures: pdf, svg or png.")
+    ] = "pdf",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

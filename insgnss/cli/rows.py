@@ -27,22 +27,24 @@ Times = Annotated[
     Path | None,
     typer.Option(
         "--times",
-        help="File of times for the rows instead: column time_s or utc (CSV), or one to a line; seconds of the GPS week"
-        " or dates as 2025-09-24T09:36:22.25Z.",
+        help="File of output times, in place of --rate: column time_s or utc (CSV), or one time per line; seconds of"
+        " the GPS week, or UTC such as 2025-09-24T09:36:22.25Z.",
     ),
 ]
 PointOption = Annotated[
     str | None,
     typer.Option(
         "--point",
-        help="Also where a point of the body is: forward,right,down in m from the IMU, or its name in the flight file.",
+        help="Also write position and velocity of a point of the body: forward,right,down in m from the IMU, or its"
+        " name in the flight file.",
     ),
 ]
 Quaternion = Annotated[
-    bool, typer.Option("--quaternion", help="Also the attitude as a quaternion, body to north-east-down.")
+    bool,
+    typer.Option("--quaternion", help="Also write the attitude as a quaternion, body to north-east-down."),
 ]
 Covariance = Annotated[
-    bool, typer.Option("--covariance", help="Also the covariances of position, velocity and attitude.")
+    bool, typer.Option("--covariance", help="Also write the covariances of position, velocity and attitude.")
 ]
 
 

@@ -25,7 +25,7 @@ from insgnss.runs.replay import replay as run_replay
 def smooth(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
+        Path | None, typer.Option("--output", "-o", help="Folder for the run; without it nothing is saved.")
     ] = None,
     filter: FilterName = "tight",
     settings: Settings = None,
@@ -44,8 +44,7 @@ def smooth(
 ) -> None:
     """Run the filter forward and the smoother back over a flight's logs, for post-processing.
 
-    The rows are those of the GNSS epochs: none stands inside an outage. --rate imu, a rate in Hz or --times gives rows
-    at other times, inside outages too.
+    By default there is one row per GNSS epoch, and so none inside an outage: ask for others with --rate or --times.
     """
     began = time.perf_counter()
     give_back_what_is_freed()

@@ -26,7 +26,7 @@ _WANDER = "Wandering frequency of oscillator and aiding, one-sided density S in 
 def track(
     cn0: Annotated[float, typer.Option("--cn0", help="C/N0 in dBHz.")] = 40.0,
     signal: Annotated[
-        str, typer.Option("--signal", help="'glonass-st' or GPS by PRN, as 'gps-ca-7'.")
+        str, typer.Option("--signal", help="'glonass-st', or GPS with its PRN, such as 'gps-ca-7'.")
     ] = "gps-ca-1",
     bandwidth: Annotated[
         float, typer.Option("--bandwidth", "-b", help="Carrier loop's one-sided noise bandwidth in Hz.")
@@ -50,7 +50,9 @@ def track(
         bool, typer.Option("--aided", help="Remove the motion, as perfect inertial aiding would.")
     ] = False,
     seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
-    channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
+    channels: Annotated[
+        int, typer.Option("--channels", "-n", help="Number of channels, each with its own noise.")
+    ] = 12,
     seed: Annotated[int, typer.Option("--seed", help="Seed of all noise.")] = 1,
     threads: Annotated[
         int, typer.Option("--threads", help="Number of threads; it does not change the results.")

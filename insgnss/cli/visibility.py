@@ -28,22 +28,28 @@ if TYPE_CHECKING:
 def visibility(
     source: Annotated[Path, typer.Argument(help="A saved run (its folder) or a reference trajectory (CSV).")],
     flight: Annotated[
-        Path, typer.Option("--flight", help="The flight file: week, satellites' messages, antennas.")
+        Path, typer.Option("--flight", help="The flight file: GPS week, navigation messages, antennas.")
     ],
     antenna: Annotated[
         str | None,
-        typer.Option("--antenna", "-a", help="A pattern's name in the library, or a file (.csv)."),
+        typer.Option("--antenna", "-a", help="Name of a gain pattern in the library, or a file (.csv)."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and pictures; none is written without it."),
+        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
     ] = None,
     filter: FilterName = "tight",
     settings: Settings = None,
     threshold: Annotated[
-        float | None, typer.Option("--threshold", help="Least gain in dBic, in place of the filter's.")
+        float | None,
+        typer.Option(
+            "--threshold",
+            help="Least gain in dBic at which a satellite is visible, in place of the filter's.",
+        ),
     ] = None,
-    step: Annotated[float, typer.Option("--step", help="Seconds between two attitudes; 0 takes all.")] = 1.0,
+    step: Annotated[
+        float, typer.Option("--step", help="Seconds between two evaluated attitudes; 0: all.")
+    ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
     force: Force = False,

@@ -30,6 +30,6 @@ def existing_file(path: Path) -> Path:
     advice = (
         f"nearest in that folder: {', '.join(near)}"
         if near
-        else f"the folder '{folder}' has no file named like it"
+        else f"no file in the folder '{folder}' has a similar name"
     )
     raise MissingFileError("file not found", file=path, advice=advice)

@@ -88,7 +88,7 @@ class IqFile:
         """
         if first < 0 or count < 1 or first + count > self.count:
             raise InputError(
-                f"samples {first} to {first + count} are asked for, the recording holds {self.count}",
+                f"samples {first} to {first + count} are needed, the recording holds {self.count}",
                 file=self.path,
                 advice=f"it lasts {self.duration_s:g} s at {self.sampling.rate_hz:g} Hz",
             )

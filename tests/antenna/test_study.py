@@ -287,7 +287,7 @@ def test_sample_flight_has_its_low_satellites_hidden_in_its_turns() -> None:
 
 
 def test_flight_without_antenna_and_without_a_pattern_is_refused() -> None:
-    with pytest.raises(ConfigError, match="no antenna is known"):
+    with pytest.raises(ConfigError, match="no antenna is described"):
         visibility_of(SAMPLE / "reference.csv", Flight.load(SAMPLE / "flight.toml"), filter_config("tight17"))
 
 
@@ -386,7 +386,7 @@ def sorted_by_name(values: np.ndarray) -> np.ndarray:
     [
         (["-a", "patch_11"], 2, "patch_l1"),
         (["-a", "nowhere.csv"], 3, "file not found"),
-        ([], 2, "no antenna is known"),
+        ([], 2, "no antenna is described"),
         (["-a", "patch_l1", "--format", "xml"], 2, "parquet"),
         (["-a", "patch_l1", "--step", "-1"], 2, "invalid step"),
     ],

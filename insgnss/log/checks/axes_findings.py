@@ -78,7 +78,7 @@ def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
         return Finding("warning", "motion", text, advice, f"log likelihood {best.cost / 2.0:.0f} above")
     columns = _open_columns(best, near)
     if len(columns) <= MOST_OPEN:
-        text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it leaves open"
+        text = f"the axes fit the motion; it does not show the sign or order of {', '.join(columns)}"
         return Finding("ok", "motion", f"{text}: {shown}", advice, kind=AXES_FIT)
     text = f"the motion agrees with the axes, but {len(near)} other reading(s) explain it as well"
     return Finding("ok", "motion", f"{text}: axes {_listed(near)}", advice)

@@ -77,7 +77,7 @@ def gap_findings(imu: ImuTable | None, gnss_ns: Int64, grade: ImuGrade, week: in
     for length_s in EXAMPLES_S:
         sd_v, sd_r = outage_sigmas(grade, length_s)
         parts.append(f"{length_s:.0f} s: {_about(sd_v)} m/s, {_about(sd_r)} m")
-    text = f"without GNSS this grade's sigma grows to, after {'; after '.join(parts)} (per horizontal axis)"
+    text = f"sigma without GNSS, by the grade, per horizontal axis: after {'; after '.join(parts)}"
     return [*findings, Finding("ok", "gaps", text)]
 
 

@@ -44,13 +44,19 @@ def lever_arm_findings(
         doubt = float(np.sqrt(off @ np.linalg.solve(P, off)))
         if doubt < SIGNIFICANT_SIGMAS or float(np.linalg.norm(off[sd < 2.0 * FAR_M])) < FAR_M:
             return [
-                Finding("ok", "motion", f"lever arm by the turns {shown}: consistent with the declared one")
+                Finding(
+                    "ok",
+                    "motion",
+                    f"lever arm estimated from the turns {shown}: consistent with the declared one",
+                )
             ]
-        text = f"lever arm by the turns {shown} forward, right, down: differs from the declared one"
+        text = (
+            f"lever arm estimated from the turns {shown} forward, right, down: differs from the declared one"
+        )
         return [Finding("warning", "motion", text, "measure it again", f"{doubt:.0f} sigmas off")]
     rms, most = _moved(declared, track)
     effect = f"each metre of it moves the antenna by up to {most:.2f} m/s (rms {rms:.2f}) in this log"
-    text = f"lever arm by the turns {shown} forward, right, down; {effect}"
+    text = f"lever arm estimated from the turns {shown} forward, right, down; {effect}"
     known = bool((sd < KNOWN_SD_M).all())
     if known and float(np.linalg.norm(found)) > SIGNIFICANT_SIGMAS * float(sd.max()):
         value = (round(float(found[0]), 2), round(float(found[1]), 2), round(float(found[2]), 2))

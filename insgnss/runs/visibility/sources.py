@@ -92,7 +92,7 @@ def _antennas(flight: Flight, pattern: str | None) -> tuple[MountedAntenna, ...]
     if pattern is None:
         if not named:
             advice = "describe one in the flight file ([[gnss.antenna]]), or name a pattern (--antenna)"
-            raise ConfigError("no antenna is known", file=flight.path, key="gnss.antenna", advice=advice)
+            raise ConfigError("no antenna is described", file=flight.path, key="gnss.antenna", advice=advice)
         return named
     if not named:
         return (MountedAntenna(pattern=pattern),)

@@ -118,7 +118,7 @@ def flat() -> LevelDrive:
 def test_right_axes_of_a_flat_drive_fit_but_for_what_it_does_not_show(flat: LevelDrive) -> None:
     told = finding(flat, np.eye(3), np.eye(3))
     assert told.severity == "ok" and told.proposals == ()
-    assert "fit the motion, but for the sign or order of gyro x, gyro y, which it leaves open" in told.text
+    assert "fit the motion; it does not show the sign or order of gyro x, gyro y" in told.text
 
 
 @pytest.mark.parametrize(
@@ -218,5 +218,5 @@ def test_check_does_not_write_axes_that_are_only_likely(tmp_path: Path) -> None:
         app, ["check", str(tmp_path / "flight.toml"), "--write", str(corrected)], env={"COLUMNS": "300"}
     )
     assert told.exit_code == 3 and 'imu.axes = ["-x", "-y", "+z"]' in told.output, told.output
-    assert "(likely" in told.output and "only sure ones are written" in told.output
+    assert "(likely" in told.output and "only certain ones are written" in told.output
     assert not corrected.exists()
