@@ -26,30 +26,33 @@ DEFAULT_SIGNALS: Final[dict[Constellation, str]] = {
 class AidingConfig(StrictModel):
     """The outputs of the loop aiding."""
 
-    rate_hz: Positive = Field(50.0, description="outputs per second, at inertial samples: at most their rate")
+    rate_hz: Positive = Field(50.0, description="outputs per second, at most one per inertial sample")
     signals: dict[Constellation, str] = Field(
         DEFAULT_SIGNALS, description="RINEX code of the carrier aided; a constellation left out is not aided"
     )
     horizon_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = Field(
-        0.0, description="satellites above it at the antenna are predicted, tracked or not"
+        0.0, description="satellites above this elevation are predicted, tracked or not"
     )
     receiver_clock: bool = Field(
-        True, description="clock and drift of the receiver in pseudorange, Doppler and code delay rate"
+        True,
+        description="include clock and drift of the receiver in pseudorange, Doppler and code delay rate",
     )
     latency_s: NotNegative = Field(
-        0.0, description="from the inertial sample to the use: values and sigma hold at the time of use"
+        0.0,
+        description="delay from the inertial sample to the use: values and sigmas are those at the time of use",
     )
     slope_samples: Annotated[int, Field(ge=1, le=50)] = Field(
-        2, description="over how many samples rates and forces are differenced: noise falls, delay grows"
+        2,
+        description="number of samples over which rates and forces are differenced: more lower the noise and add delay",
     )
     sigma_interval_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         1.0,
-        description="interval at which satellites, air delays and sigma are recomputed; between, the sigma of rate and"
-        " Doppler grow by the accelerometers' noise and the clock's walk alone",
+        description="interval at which satellites, delays and sigmas are recomputed; in between the sigmas of rate"
+        " and Doppler grow only by accelerometer noise and clock random walk",
     )
     # The jerk that a loop must withstand between sample and use: 0.5 g within a second, a car or a transport aircraft
     jerk_sigma_mps3: NotNegative = Field(
-        5.0, description="of the vehicle, for the growth of the predicted sigmas with latency"
+        5.0, description="jerk of the vehicle, by which the predicted sigmas grow with latency"
     )
     # Of position, rate and acceleration along the line of sight: URA of a healthy GPS satellite, and half of the
     # 95 % limits on URRE and URAE [GPS SPS Performance Standard 2020, table 3.4-2]

@@ -40,7 +40,7 @@ class WeatherConfig(StrictModel):
     """The weather of the troposphere model; omitted values are those of the standard atmosphere."""
 
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
-        None, description="at the height below, not reduced to sea level"
+        None, description="at the height h_m, not reduced to sea level"
     )
     temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = Field(
         None, description="at the height h_m"
@@ -48,7 +48,7 @@ class WeatherConfig(StrictModel):
     humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = Field(
         None, description="relative, at the height h_m"
     )
-    h_m: float = Field(0.0, description="where it was measured")
+    h_m: float = Field(0.0, description="height of the weather station")
 
 
 class Measurements(StrictModel):
@@ -57,31 +57,34 @@ class Measurements(StrictModel):
     constellations: tuple[Constellation, ...] = Field(
         ("G", "E", "J", "C", "R", "I"),
         min_length=1,
-        description="the first one present is the reference of the receiver clock",
+        description="those used; the first one present defines the receiver clock",
     )
     signals: dict[Constellation, tuple[str, ...]] = Field(
         DEFAULT_SIGNALS,
-        description="RINEX codes in order of preference: of each band the first one a satellite has is used",
+        description="RINEX codes in order of preference: in each band the first one that a satellite has is used",
     )
-    every_band: bool = Field(True, description="use a signal of each band; the most preferred one alone else")
-    pseudorange: bool = Field(True, description="use them")
-    range_rate: bool = Field(True, description="use them, or the Doppler they are computed from")
-    carrier: bool = Field(True, description="time-differenced carrier phase, where the log has it")
-    carrier_max_interval_s: Positive = Field(2.0, description="epochs farther apart are not differenced")
+    every_band: bool = Field(True, description="one signal per band; false: only the most preferred one")
+    pseudorange: bool = Field(True, description="use pseudoranges")
+    range_rate: bool = Field(True, description="use range rates, or the Doppler of the log")
+    carrier: bool = Field(True, description="use time-differenced carrier phases, where the log has them")
+    carrier_max_interval_s: Positive = Field(2.0, description="longest interval that is differenced")
     elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
-    cn0_mask_dbhz: NotNegative = Field(0.0, description="weaker signals are not used; 0: all")
+    cn0_mask_dbhz: NotNegative = Field(0.0, description="signals below it are not used; 0: all are")
     ionosphere: Literal["klobuchar", "nequick", "beidou", "own", "ionosphere_free", "none"] = Field(
-        "klobuchar", description="'own': each constellation by the model it broadcasts itself"
+        "klobuchar", description="'own': for each constellation the model that it broadcasts"
     )
     troposphere: Literal["saastamoinen", "none"] = Field("saastamoinen", description="model of the delay")
     weather: WeatherConfig = WeatherConfig()
     variance_scale: dict[Constellation, Share] = Field(
-        {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
+        {"R": 4.0},
+        description="factor on the variance of a constellation's pseudoranges: GLONASS chips are twice as long",
     )
-    glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
-    zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
+    glonass_channel_bias: bool = Field(
+        True, description="estimate a delay proportional to the frequency channel"
+    )
+    zenith_delay: bool = Field(False, description="estimate the model's residual zenith delay")
     max_ephemeris_age_s: Positive | None = Field(
-        None, description="of a message; left out: its constellation's own limit"
+        None, description="oldest message used; left out: its constellation's own limit"
     )
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
@@ -96,26 +99,26 @@ class NoiseConfig(StrictModel):
     elevation: SigmaOrNone
     cn0_at_45_dbhz: SigmaOrNone
     correlation_time_s: NotNegative = Field(
-        0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
+        0.0, description="epochs closer than this share their errors: the weight of each falls in proportion"
     )
-    missing_cn0_dbhz: Positive = Field(42.0, le=100.0, description="assumed where the log gives none")
+    missing_cn0_dbhz: Positive = Field(42.0, le=100.0, description="C/N0 assumed where the log has none")
 
 
 class Gates(StrictModel):
     """Innovation gates in sigmas of the predicted innovation, all judged on the prior."""
 
-    pseudorange_sigma: Positive = Field(5.0, description="of one pseudorange")
-    range_rate_sigma: Positive = Field(5.0, description="of one range rate")
-    carrier_sigma: Positive = Field(4.0, description="a cycle slip is to be found, not averaged")
+    pseudorange_sigma: Positive = Field(5.0, description="gate of one pseudorange")
+    range_rate_sigma: Positive = Field(5.0, description="gate of one range rate")
+    carrier_sigma: Positive = Field(4.0, description="gate of one carrier difference: detects cycle slips")
     clock_jump_min_m: Positive = Field(
         150.0,
-        description="smaller common steps of fewer than five pseudoranges count only when they last for"
+        description="a smaller common step of fewer than five pseudoranges counts only if it lasts for"
         " health.lockout_epochs",
     )
 
 
 class Faults(StrictModel):
-    """How measurements that are wrong, but pass their gate, are found or made harmless; 0 switches a test off."""
+    """How wrong measurements that pass their gate are detected or down-weighted; 0 switches a test off."""
 
     weights: Literal["gate", "huber", "student"] = Field(
         "gate", description="weight of accepted rows: full up to the gate, or reduced for large innovations"
@@ -124,47 +127,45 @@ class Faults(StrictModel):
     student_freedom: Positive = Field(4.0, ge=0.1, description="degrees of freedom of Student's t")
     residual_sigma: NotNegative = Field(
         5.0,
-        description="a residual of a pseudorange or range rate after the update beyond it: those the others contradict"
-        " are left out",
+        description="limit of a residual after the update: pseudoranges and range rates beyond it that the others"
+        " contradict are left out",
     )
     drift_sigma: NotNegative = Field(
         4.0,
-        description="a satellite whose range rate, averaged over ten seconds, or whose pseudorange within half a"
-        " minute moves by that many sigmas against the others",
+        description="limit of a satellite's drift against the others: of its range rate, averaged over ten seconds,"
+        " and of its pseudorange within half a minute",
     )
     reflected_below_db: NotNegative = Field(
         8.0,
-        description="C/N0 that far below the strongest signal's, corrected for elevation, with too long a range",
+        description="C/N0 deficit, corrected for elevation, at which a range that is too long is a reflection",
     )
 
 
 class Process(StrictModel):
     """Process noise that is not in the sensor's grade, and the rate of the covariance."""
 
-    covariance_step_s: Positive = Field(
-        0.025, le=10.0, description="the covariance is carried on at least this often"
-    )
+    covariance_step_s: Positive = Field(0.025, le=10.0, description="longest step of the covariance")
     sensor_error_states: tuple[SensorError, ...] = Field(
         get_args(SensorError),
-        description="errors of the inertial sensors that are states of the filter, as far as the grade has them; the"
-        " others are bias and noise of a manoeuvre",
+        description="errors of the inertial sensors that are states of the filter, if the grade has them; the others"
+        " count as bias, and as noise in manoeuvres",
     )
     sensor_error_columns: bool = Field(
-        False, description="whether nav shows those states and their sigmas: up to 54 columns"
+        False, description="write those states and their sigmas to nav: up to 54 columns"
     )
     scale_factor_change: NotNegative = Field(
         0.05,
         le=1.0,
-        description="part of scale factors and misalignments that changes with rate and temperature: noise in"
-        " manoeuvres, not a state",
+        description="part of scale factors and misalignments that changes with rate and temperature: it counts as"
+        " noise in manoeuvres",
     )
     scale_factor_time_s: NotNegative = Field(
         10.0, description="correlation time of that noise: about the length of one manoeuvre"
     )
     motion_sigma: NotNegative = Field(
         0.0,
-        description="a horizontal specific force below this many sigmas of its noise is not motion and shows no"
-        " heading; 0: every force counts as motion",
+        description="a horizontal specific force below this many sigmas of its noise does not count as motion and"
+        " gives no heading; 0: every force counts",
     )
     inter_system_sigma_m: Positive = Field(
         3000.0, description="initial sigma of an inter-system clock offset"
@@ -172,35 +173,37 @@ class Process(StrictModel):
     qzss_offset_sigma_m: Positive = Field(
         3.0,
         ge=0.01,
-        description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; the range of a"
+        description="initial sigma of the clock offset between QZSS and GPS, which keep the same time; the range of a"
         " single QZSS satellite is then used with this much extra noise",
     )
-    inter_system_walk_m_per_sqrt_s: NotNegative = Field(0.005, description="of an offset between clocks")
+    inter_system_walk_m_per_sqrt_s: NotNegative = Field(
+        0.005, description="random walk of an inter-system clock offset"
+    )
     channel_bias_sigma_m: Positive = Field(
         0.3, description="initial sigma of the GLONASS delay per frequency channel"
     )
     zenith_delay_sigma_m: Positive = Field(0.15, description="initial sigma of the residual zenith delay")
-    zenith_delay_walk_m_per_sqrt_s: NotNegative = Field(0.0003, description="where the delay is a state")
+    zenith_delay_walk_m_per_sqrt_s: NotNegative = Field(0.0003, description="random walk of that delay")
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
         description="initial sigma of the ionosphere model's residual at the zenith on L1: a state where carriers"
         " of one band are used, which the ionosphere advances as it delays the codes; 0: no such state",
     )
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
-        0.02, description="1.2 m in an hour, as a day's ionosphere strays from its model"
+        0.02, description="its random walk: 1.2 m in an hour, as in a day's ionosphere against its model"
     )
     range_bias_states: bool = Field(
         False,
-        description="range errors that persist are states, of the sizes in [slow_errors]: one for each satellite, one"
-        " of the ionosphere and one of the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then include them",
+        description="estimate slowly varying range errors of the sizes in [slow_errors]: one state per satellite, one"
+        " for the ionosphere and one for the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then include them",
     )
     lever_arm_sigma_m: NotNegative = Field(
-        0.0, le=100.0, description="of each component of the antenna's lever arm, then estimated; 0: exact"
+        0.0, le=100.0, description="sigma of each lever arm component, then estimated; 0: exact"
     )
     imu_time_sigma_s: NotNegative = Field(
         0.0,
         le=0.1,
-        description="of the error of the IMU's time tags, then estimated; 0: exact; declare a larger one with"
+        description="sigma of the IMU's time offset, then estimated; 0: exact; declare a larger offset with"
         " imu.time.offset_s, which insgnss check finds",
     )
 
@@ -212,35 +215,32 @@ class Gaps(StrictModel):
         None,
         ge=1e-4,
         le=60.0,
-        description="a longer step between inertial samples is a gap; None: by the log's own typical step",
+        description="a longer step between inertial samples is a gap; left out: 1.75 typical steps of the log",
     )
     acceleration_sigma_mps2: Positive = Field(
         1.0,
-        description="by which the specific force changes within a second inside a gap, at least; more where the log"
-        " has shown more",
+        description="smallest assumed change of the specific force in a second of a gap; larger if the log has"
+        " shown more",
     )
-    rate_sigma_degps: Positive = Field(
-        5.0, description="by which the rate changes within a second inside a gap, likewise"
-    )
+    rate_sigma_degps: Positive = Field(5.0, description="the same of the angular rate")
     restart_s: Positive = Field(
         2.5,
         le=600.0,
-        description="after a longer gap the filter restarts from a fix, with the biases and the known part of the"
-        " heading",
+        description="after a longer gap the filter restarts from a fix; it keeps the biases and the known part of"
+        " the heading",
     )
     restart_rotation_deg: Annotated[float, Field(gt=0.0, le=60.0)] = Field(
-        20.0, description="the same after a gap or a gyro outage that leaves the attitude this uncertain"
+        20.0, description="the same if a gap or a gyro outage leaves the attitude this uncertain"
     )
 
 
 class SampleChecks(StrictModel):
-    """Which inertial samples are refused, and whether a sensor that is out is noticed."""
+    """Which inertial samples are refused, and whether sensor outages are detected."""
 
     spike_sigma: NotNegative = Field(
-        15.0,
-        description="a sample that leaps so many sigmas of the log's own noise and returns is refused; 0: none is",
+        15.0, description="a spike of this many sigmas of the log's own noise is refused; 0: none is"
     )
-    sensor_outages: bool = Field(True, description="detect axes that hold their value or saturate")
+    sensor_outages: bool = Field(True, description="detect axes that repeat their value or saturate")
 
 
 class HealthConfig(StrictModel):
@@ -259,43 +259,45 @@ class HealthConfig(StrictModel):
     )
     recovery: bool = Field(
         True,
-        description="whether the filter may be reset, and another start take a given one's place;"
-        " off: it stays as it is, whatever the rows show, unless its satellites cannot be seen from there",
+        description="allow resets, and let another start replace a given one; false: neither, unless the satellites"
+        " would not be visible from that start",
     )
     suspicion_sigma: NotNegative = Field(
         4.5,
-        description="of all satellites' common deviation from the prediction over eight seconds, above which the last"
-        " minute is rerun under supposed faults; a correct filter reaches it once in several hours; 0: never",
+        description="limit of the common deviation of all satellites from the prediction over eight seconds: beyond it"
+        " the last minute is rerun under fault hypotheses (by noise alone once in several hours); 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
-        2, description="that many resets within lost_window_s mean the attitude is wrong too"
+        2, description="this many resets within lost_window_s: the attitude counts as wrong too"
     )
-    lost_window_s: Positive = Field(60.0, description="see heading_lost_resets")
+    lost_window_s: Positive = Field(60.0, description="time window of heading_lost_resets")
 
 
 class StartConfig(StrictModel):
     """How the filter starts by itself."""
 
-    window_s: Positive = Field(1.0, description="of inertial samples for levelling")
+    window_s: Positive = Field(1.0, description="inertial samples averaged for levelling")
     rest_rate_degps: Positive = Field(1.0, description="gyro spread that still counts as rest")
     rest_accel_mps2: Positive = Field(0.6, description="accelerometer spread that still counts as rest")
     rest_speed_mps: Positive = Field(0.5, description="GNSS speed that still counts as rest")
     rest_acceleration_mps2: Positive = Field(
-        0.3, description="change of the GNSS velocity, over the time between two fixes, that still does"
+        0.3, description="GNSS acceleration between two fixes that still counts as rest"
     )
     sd_level_moving_deg: Positive = Field(
-        3.0, description="roll and pitch sigma when levelled in motion, at least"
+        3.0, description="smallest sigma of roll and pitch when levelled in motion"
     )
-    min_satellites: Annotated[int, Field(ge=4)] = Field(5, description="of the first fix, for patience_s")
-    patience_s: NotNegative = Field(10.0, description="after that long, four satellites are enough")
-    max_gdop: Positive = Field(12.0, description="dilution of precision of the first fix at most")
+    min_satellites: Annotated[int, Field(ge=4)] = Field(
+        5, description="needed for the first fix, for patience_s"
+    )
+    patience_s: NotNegative = Field(10.0, description="after this time four satellites are enough")
+    max_gdop: Positive = Field(12.0, description="largest GDOP of the first fix")
 
 
 class HeadingConfig(StrictModel):
-    """How an unknown heading is found: a bank of filters, one for each heading, that the measurements thin out."""
+    """How an unknown heading is found: a bank of filters, one for each heading; measurements remove wrong ones."""
 
     hypotheses: Annotated[int, Field(ge=1, le=36)] = Field(
-        12, description="how many headings, evenly spaced; 1: no bank"
+        12, description="number of headings, evenly spaced; 1: no bank"
     )
     unknown_above_deg: Positive = Field(30.0, description="a start with a wider heading sigma opens the bank")
     drop_below: Annotated[float, Field(gt=0.0, lt=0.1)] = Field(
@@ -307,62 +309,61 @@ class HeadingConfig(StrictModel):
 class Adaptation(StrictModel):
     """How far the filter may correct its assumed noise levels from its residuals."""
 
-    on: bool = Field(True, description="off: the noise stays as given")
-    memory_s: Positive = Field(30.0, ge=1e-3, description="over which the levels follow")
-    least_factor: Share = Field(0.02, description="on a variance")
+    on: bool = Field(True, description="false: the noise levels stay as given")
+    memory_s: Positive = Field(30.0, ge=1e-3, description="time constant of the levels")
+    least_factor: Share = Field(0.02, description="smallest factor on a variance")
     least_factor_at_rest: Share = Field(
-        0.25, description="on a pseudorange's variance while the vehicle stands"
+        0.25, description="the same on a pseudorange's variance at standstill"
     )
-    most_factor: Share = Field(1000.0, description="on a variance: noise of 30 times the assumed sigma")
+    most_factor: Share = Field(1000.0, description="largest factor on a variance: 30 times the assumed sigma")
     reflection_time_s: NotNegative = Field(
         30.0,
-        description="correlation time of a reflection that a satellite's residuals show: sd_* include what it does to"
-        " the position, where slow errors are followed; 0: reflections are ignored",
+        description="correlation time of a reflection that a satellite's residuals show: sd_* include its effect on"
+        " the position, if slow errors are used; 0: reflections are ignored",
     )
     weak_signal_m_per_db: NotNegative = Field(
         2.0, description="error of a weak signal's pseudorange until the residuals show it; 0: none"
     )
     rate_memory_s: NotNegative = Field(
         8.0,
-        description="how long a satellite's range rates keep a noise level of their own; 0: they have none",
+        description="time constant of the noise level of one satellite's range rates; 0: it has none of its own",
     )
     rate_error_s: NotNegative = Field(
         3.0,
-        description="how long errors of range rates and carrier differences are taken to last until the residuals"
-        " show it; 0: each epoch's count as new",
+        description="assumed correlation time of the errors of range rates and carrier differences until the"
+        " residuals show it; 0: uncorrelated",
     )
 
 
 class Visibility(StrictModel):
     """When a satellite counts as hidden from the vehicle's antennas, which the flight file describes."""
 
-    on: bool = Field(True, description="without antennas in the flight file nothing is masked either way")
+    on: bool = Field(True, description="masking needs antennas in the flight file")
     threshold: Literal["gain", "cn0"] = Field("gain", description="which of the next two is used")
     threshold_gain_dbic: float = -5.0
-    threshold_cn0_dbhz: float = Field(30.0, description="of the predicted C/N0, nominal_cn0_dbhz plus gain")
+    threshold_cn0_dbhz: float = Field(
+        30.0, description="the same of the predicted C/N0: nominal_cn0_dbhz plus gain"
+    )
     nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
     hysteresis_db: NotNegative = Field(
-        1.0, description="excess over the threshold for a hidden satellite to return"
+        1.0, description="a hidden satellite returns this far above the threshold"
     )
     margin_sigma: NotNegative = Field(
-        3.0,
-        description="margin in sigmas of the gain (attitude uncertainty): closer to the threshold nothing changes",
+        3.0, description="margin in sigmas of the gain (attitude uncertainty): inside it nothing changes"
     )
     uncertain: Literal["keep", "hide", "deweight"] = Field(
         "deweight",
-        description="treatment of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
-        "use with more noise",
+        description="treatment of a satellite within that margin: used if it was used before, not used, or used with "
+        "added variance",
     )
     # A steady reflection is tens of metres too long, at most some 60; what is far larger the gate refuses. A path that
     # changes while the vehicle turns, or a loop that runs on without a signal, is off by 0.3 to 6 m/s
     false_range_m: NotNegative = Field(
         60.0, description="rms error of a hidden satellite's pseudorange: reflection or false lock"
     )
-    false_rate_mps: NotNegative = Field(3.0, description="and of its range rate")
-    heading_sigma_limit_deg: Positive = Field(
-        5.0, description="masking waits while the heading is less certain"
-    )
-    use_masked: bool = Field(False, description="measurements of hidden satellites are still used")
+    false_rate_mps: NotNegative = Field(3.0, description="the same of its range rate")
+    heading_sigma_limit_deg: Positive = Field(5.0, description="no masking while the heading is less certain")
+    use_masked: bool = Field(False, description="true: measurements of hidden satellites are still used")
 
 
 class FilterConfig(StrictModel):
@@ -371,15 +372,14 @@ class FilterConfig(StrictModel):
     lists_keys = "every key with its meaning: docs/filter-file.md"
     name: str = ""
     based_on: str = Field(
-        "",
-        description="a filter's name or file (.toml): settings that this file omits come from it, table by table",
+        "", description="a filter's name or file (.toml): the settings that this file omits are taken from it"
     )
     measurements: Measurements = Measurements()
     pseudorange_noise_m: NoiseConfig = Field(
-        description='a file that changes a few settings alone begins with based_on = "tight"'
+        description='noise of pseudoranges; to change only a few settings, begin with based_on = "tight"'
     )
     range_rate_noise_mps: NoiseConfig = Field(
-        description="it is needed too, unless based_on names a filter that has it"
+        description="noise of range rates; not required if based_on names a filter"
     )
     carrier_noise_m: NoiseConfig = NoiseConfig(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
     gates: Gates = Gates()
@@ -396,4 +396,4 @@ class FilterConfig(StrictModel):
     aiding: AidingConfig = AidingConfig()
     search: Search = Search()
     integrity: Integrity = Integrity()
-    latency_s: Positive = Field(1.0, description="how late a GNSS epoch may reach the streaming engine")
+    latency_s: Positive = Field(1.0, description="largest delay of a GNSS epoch in the streaming engine")

@@ -46,7 +46,7 @@ class Turn(StrictModel):
     """A coordinated turn at constant bank, with the largest roll rates of rolling in and out."""
 
     kind: Literal["turn"]
-    by_deg: float = Field(description="right positive")
+    by_deg: float = Field(description="change of heading, right positive")
     bank_deg: Bank
     roll_in_deg_per_s: Positive = 15.0
     roll_out_deg_per_s: Positive = 15.0
@@ -74,9 +74,11 @@ class Loop(StrictModel):
     """A full circle upwards, wings level, from level flight."""
 
     kind: Literal["loop"]
-    radius_m: Positive = Field(description="at the bottom; with a lower speed at the top it is tighter there")
-    top_speed_mps: Positive | None = Field(None, description="as at the bottom when left out")
-    ramp_s: Positive = Field(2.0, description="over which the pull begins and ends")
+    radius_m: Positive = Field(
+        description="radius at the bottom; smaller at the top if the speed is lower there"
+    )
+    top_speed_mps: Positive | None = Field(None, description="left out: as at the bottom")
+    ramp_s: Positive = Field(2.0, description="time over which the pull-up begins and ends")
 
 
 class BarrelRoll(StrictModel):
@@ -106,8 +108,8 @@ class Landing(StrictModel):
     descend_m: Positive
     rate_mps: Positive
     run_s: Positive
-    approach_mps: Positive | None = Field(None, description="the speed changes to it during the descent")
-    ramp_s: Positive = Field(8.0, description="of the flare")
+    approach_mps: Positive | None = Field(None, description="speed reached during the descent")
+    ramp_s: Positive = Field(8.0, description="duration of the flare")
 
 
 class Sea(StrictModel):
@@ -139,15 +141,17 @@ class Ascent(StrictModel):
     """A sounding rocket: it waits on its rail, flies along its axis, burns, spins, and coasts. The only manoeuvre."""
 
     kind: Literal["ascent"]
-    duration_s: Positive = Field(description="of everything, the wait on the rail included")
-    wait_s: NotNegative = Field(60.0, description="on the rail, before the ignition")
-    elevation_deg: Annotated[float, Field(gt=30.0, lt=90.0)] = Field(85.0, description="of the rail")
+    duration_s: Positive = Field(description="whole duration, wait on the rail included")
+    wait_s: NotNegative = Field(60.0, description="wait on the rail before ignition")
+    elevation_deg: Annotated[float, Field(gt=30.0, lt=90.0)] = Field(
+        85.0, description="elevation of the rail"
+    )
     thrust_g: Annotated[float, Field(gt=1.0, le=200.0)] = Field(description="thrust over weight")
     burn_s: Positive
-    ramp_s: Positive = Field(0.4, description="in which the thrust comes and goes")
+    ramp_s: Positive = Field(0.4, description="time over which the thrust rises and falls")
     rail_m: Positive = 6.0
     drag_m2_per_kg: NotNegative = Field(0.0, description="drag coefficient times area over mass")
-    spin_deg_per_s: float = Field(0.0, description="reached at the end of the burn")
+    spin_deg_per_s: float = Field(0.0, description="spin at the end of the burn")
 
     @model_validator(mode="after")
     def _burns_longer_than_it_ramps(self) -> Ascent:
@@ -168,7 +172,7 @@ class RandomMotion(StrictModel):
     kind: Literal["gauss_markov"]
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
     acceleration_g: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
-        description="rms of each axis, before the pull back takes its slow part"
+        description="rms of each axis, before the pull to the course removes its slow part"
     )
     acceleration_time_s: Annotated[float, Field(ge=0.1)] = Field(10.0 / 3.0, description="correlation time")
     turn_rate_deg_per_s: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
@@ -176,9 +180,9 @@ class RandomMotion(StrictModel):
     )
     turn_time_s: Annotated[float, Field(ge=0.1)] = Field(1.0, description="correlation time of the rate")
     return_s: Positive | None = Field(
-        None, description="period of a weak pull back to the course; longer than the correlation time"
+        None, description="period of a weak pull back to the course, longer than the correlation time"
     )
-    seed: Annotated[int, Field(ge=0)] = Field(1, description="of the motion; noise has its own")
+    seed: Annotated[int, Field(ge=0)] = Field(1, description="seed of the motion; the noise has its own")
 
     @model_validator(mode="after")
     def _pulls_back_slowly(self) -> RandomMotion:

@@ -33,10 +33,10 @@ class ScenarioSite(StrictModel):
 class ScenarioMeasurements(StrictModel):
     """How often and how well the receiver measures; the same for every satellite."""
 
-    range_variance_m2: Positive = Field(description="of a pseudorange")
-    rate_variance_m2ps2: Positive = Field(description="of a range rate")
+    range_variance_m2: Positive = Field(description="variance of a pseudorange")
+    rate_variance_m2ps2: Positive = Field(description="variance of a range rate")
     rate_hz: Positive = 1.0
-    cn0_dbhz: Positive = Field(45.0, description="of each satellite in view")
+    cn0_dbhz: Positive = Field(45.0, description="C/N0 of each satellite in view")
 
 
 class Equipment(StrictModel):
@@ -45,7 +45,7 @@ class Equipment(StrictModel):
     imu: str = "tactical"
     oscillator: str = "tcxo"
     covariance_step_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        0.05, description="of the covariance study"
+        0.05, description="step of the covariance study"
     )
 
 
@@ -81,7 +81,8 @@ class ScenarioAntenna(StrictModel):
     threshold_gain_dbic: float
     hysteresis_db: NotNegative = 1.0
     body_mask_deg: Elevation = Field(
-        0.0, description="true: nothing is received below this elevation over the body's own plane"
+        0.0,
+        description="true mask: nothing is received below this elevation above the body's horizontal plane",
     )
 
 
@@ -89,7 +90,7 @@ class BankManoeuvre(StrictModel):
     """The attitude that hides the satellites."""
 
     roll_deg: Annotated[float, Field(gt=-90.0, lt=90.0)] = Field(description="right wing down is positive")
-    heading_deg: float = Field(description="half-way through the outage")
+    heading_deg: float = Field(description="heading half-way through the outage")
 
 
 class ScenarioFlight(StrictModel):
@@ -97,7 +98,7 @@ class ScenarioFlight(StrictModel):
 
     duration_s: Positive
     speed_mps: Positive
-    roll_s: Positive = Field(2.0, description="from wings level to the bank")
+    roll_s: Positive = Field(2.0, description="time from wings level to the bank")
     imu_rate_hz: Positive = 100.0
     clock_bias_m: float = 0.0
     clock_drift_mps: float = 0.0
@@ -109,15 +110,16 @@ class FalseLockModel(StrictModel):
 
     name: Annotated[str, Field(min_length=1)]
     begins: Literal["at_loss", "in_search"] = Field(
-        "in_search", description="with the loss, or when a sweep of the search hits it"
+        "in_search",
+        description="when a false lock begins: with the loss, or when a sweep of the search hits it",
     )
-    offset_m: Range = Field(description="of the pseudorange, when it begins")
-    growth_mps: Range = Field((0.0, 0.0), description="of that offset")
+    offset_m: Range = Field(description="pseudorange error at its start, least and most")
+    growth_mps: Range = Field((0.0, 0.0), description="growth of that error, least and most")
     rate_follows: bool = Field(
-        True, description="the range rate is off by the growth; else by rate_error_mps"
+        True, description="true: the range rate error is the growth; false: rate_error_mps"
     )
-    rate_error_mps: Range = Field((0.0, 0.0), description="of the range rate, least and most")
-    cn0_dbhz: Range = Field(description="that the channel reports, least and most")
+    rate_error_mps: Range = Field((0.0, 0.0), description="range rate error, least and most")
+    cn0_dbhz: Range = Field(description="C/N0 that the channel reports, least and most")
 
     @model_validator(mode="after")
     def _ranges_are_in_order(self) -> FalseLockModel:
@@ -133,9 +135,9 @@ class ReceiverChannels(StrictModel):
 
     release_s: NotNegative = Field(
         0.5,
-        description="a false lock out of the direct signal's reach is noticed so long after the signal returns",
+        description="time after the signal's return at which a false lock beyond pull-in range is detected",
     )
-    supervisor_rate_hz: Positive = Field(50.0, description="of the supervisor's decisions")
+    supervisor_rate_hz: Positive = Field(50.0, description="rate of the supervisor's decisions")
 
 
 class ScenarioConfig(StrictModel):

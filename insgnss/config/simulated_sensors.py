@@ -24,9 +24,9 @@ class SimulatedSensorLog(StrictModel):
     kind: str
     name: Name = Field("", description="its kind when left out")
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
-    noise_time_s: NotNegative = Field(0.0, description="how long the noise lasts; 0: white")
+    noise_time_s: NotNegative = Field(0.0, description="correlation time of the noise; 0: white")
     time_offset_s: Annotated[float, Field(ge=-10.0, le=10.0)] = Field(
-        0.0, description="by which its tags are late; not in the flight file"
+        0.0, description="delay of its time tags, not declared in the flight file"
     )
 
     @property

@@ -41,15 +41,17 @@ class LoggedReference(LogTable):
 
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
-    from_s: float | None = Field(None, description="seconds of the GPS week; its beginning when left out")
-    to_s: float | None = Field(None, description="seconds of the GPS week; to its end when left out")
-    smoothing_s: Positive = Field(0.5, description="distance of the knots: what is faster is left out")
+    from_s: float | None = Field(
+        None, description="start, seconds of the GPS week; left out: that of the file"
+    )
+    to_s: float | None = Field(None, description="end, seconds of the GPS week; left out: that of the file")
+    smoothing_s: Positive = Field(0.5, description="distance of the knots: faster motion is smoothed away")
 
 
 class Vibration(StrictModel):
     """A spectrum that both triads feel: corners of the power density, straight in log-log, and lines."""
 
-    frequency_hz: tuple[Positive, ...] = Field((), description="corners, increasing")
+    frequency_hz: tuple[Positive, ...] = Field((), description="corner frequencies, increasing")
     accel_g2_per_hz: tuple[Positive, ...] = Field(
         (), description="power density of the accelerometers at each corner"
     )
@@ -62,8 +64,8 @@ class Vibration(StrictModel):
     gyro_lines_hz_deg_per_s: tuple[tuple[Positive, NotNegative], ...] = Field(
         (), description="pairs of frequency and amplitude"
     )
-    from_s: NotNegative = Field(0.0, description="when it begins, as a motor does")
-    end_s: Positive | None = Field(None, description="when it ends; left out: with the log")
+    from_s: NotNegative = Field(0.0, description="start of the vibration, as of a motor")
+    end_s: Positive | None = Field(None, description="end of the vibration; left out: that of the log")
 
     @model_validator(mode="after")
     def _begins_before_it_ends(self) -> Vibration:
@@ -91,19 +93,23 @@ class SimulatedImu(StrictModel):
     rate_hz: Annotated[float, Field(gt=0.0, le=4000.0)] = 100.0
     values: Literal["rates", "increments"] = "rates"
     vibration: Vibration = Vibration()
-    tag_jitter_s: NotNegative = Field(0.0, description="of the time tags, one sigma")
-    lost_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(0.0, description="of the samples, on average")
-    lost_at_once: Annotated[int, Field(ge=1)] = Field(1, description="samples in a row")
+    tag_jitter_s: NotNegative = Field(0.0, description="jitter of the time tags, one sigma")
+    lost_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(
+        0.0, description="mean share of the samples that are lost"
+    )
+    lost_at_once: Annotated[int, Field(ge=1)] = Field(
+        1, description="number of consecutive samples lost each time"
+    )
 
 
 class SimulatedClock(StrictModel):
     """The receiver's oscillator and where its clock begins."""
 
     oscillator: str | Oscillator = Field("tcxo", description="a name, see `insgnss models`, or a table")
-    bias_m: float = Field(0.0, description="at the start")
-    drift_mps: float = Field(0.0, description="at the start")
+    bias_m: float = Field(0.0, description="clock bias at the start")
+    drift_mps: float = Field(0.0, description="clock drift at the start")
     jump_beyond_m: Positive | None = Field(
-        None, description="the receiver steps by whole milliseconds beyond this bias"
+        None, description="beyond this bias the clock jumps by whole milliseconds"
     )
 
 
@@ -111,10 +117,10 @@ class _AnySky(StrictModel):
     """The keys of every sky."""
 
     qzss: tuple[GpsSatellite, ...] = Field(
-        (), max_length=10, description="satellites that belong to QZSS instead: they become J01, J02, ..."
+        (), max_length=10, description="satellites that become QZSS satellites J01, J02, ..."
     )
     qzss_offset_m: Annotated[float, Field(ge=-1e3, le=1e3)] = Field(
-        0.0, description="by which the receiver measures their pseudoranges too long"
+        0.0, description="delay of their pseudoranges in the receiver"
     )
 
 
@@ -177,45 +183,47 @@ class WhiteNoise(StrictModel):
 class Loops(StrictModel):
     """Tracking loops whose thermal noise, from C/N0, takes the place of the white noise given above."""
 
-    code_bandwidth_hz: Positive = Field(0.5, description="of the delay loop")
-    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = Field(0.5, description="between early and late")
-    carrier_bandwidth_hz: Positive = Field(15.0, description="of the phase loop")
-    frequency_bandwidth_hz: Positive = Field(4.0, description="of the loop that gives the Doppler")
-    integration_s: Positive = Field(0.02, description="before each discriminator")
+    code_bandwidth_hz: Positive = Field(0.5, description="bandwidth of the delay loop")
+    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = Field(0.5, description="early-to-late spacing")
+    carrier_bandwidth_hz: Positive = Field(15.0, description="bandwidth of the phase loop")
+    frequency_bandwidth_hz: Positive = Field(
+        4.0, description="bandwidth of the loop that measures the Doppler"
+    )
+    integration_s: Positive = Field(0.02, description="coherent integration before each discriminator")
 
 
 class Multipath(StrictModel):
     """Reflections without a geometry: Gauss-Markov, sigma = floor + horizon exp(-elevation / scale)."""
 
-    floor_m: NotNegative = Field(0.13, description="sigma high above the horizon")
-    horizon_m: NotNegative = Field(0.53, description="what is added at the horizon")
-    scale_deg: Positive = Field(10.0, description="of elevation, over which that falls")
+    floor_m: NotNegative = Field(0.13, description="sigma at high elevation")
+    horizon_m: NotNegative = Field(0.53, description="added to the sigma at the horizon")
+    scale_deg: Positive = Field(10.0, description="scale in elevation over which the addition falls")
     correlation_time_s: Positive = 60.0
-    carrier_ratio: NotNegative = Field(0.01, description="of the carrier's error to the code's")
+    carrier_ratio: NotNegative = Field(0.01, description="ratio of the carrier error to the code error")
 
 
 class Specular(StrictModel):
     """One plane mirror below the antenna: sea, deck, ground."""
 
-    height_m: Positive = Field(description="of the antenna above the mirror")
+    height_m: Positive = Field(description="height of the antenna above the mirror")
     amplitude: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
-        description="of the reflected against the direct"
+        description="amplitude of the reflected signal relative to the direct one"
     )
 
 
 class EphemerisErrors(StrictModel):
     """The errors of the messages, constant in the orbit's axes, one sigma."""
 
-    radial_m: NotNegative = Field(0.0, description="sigma")
-    along_m: NotNegative = Field(0.0, description="sigma")
-    cross_m: NotNegative = Field(0.0, description="sigma")
-    clock_m: NotNegative = Field(0.0, description="sigma")
+    radial_m: NotNegative = Field(0.0, description="radial orbit error")
+    along_m: NotNegative = Field(0.0, description="along-track orbit error")
+    cross_m: NotNegative = Field(0.0, description="cross-track orbit error")
+    clock_m: NotNegative = Field(0.0, description="clock error")
 
 
 class AirErrors(StrictModel):
     """The residuals of the atmosphere models, Gauss-Markov at the zenith, one sigma."""
 
-    ionosphere_m: NotNegative = Field(0.0, description="at the zenith on L1")
+    ionosphere_m: NotNegative = Field(0.0, description="sigma at the zenith on L1")
     troposphere_m: NotNegative = Field(0.0, description="sigma at the zenith")
     correlation_time_s: Positive = 1800.0
 
@@ -225,25 +233,28 @@ class SimulatedGnss(StrictModel):
 
     rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
     signals: tuple[GpsSignal, ...] = Field(
-        ("C1C",), min_length=1, description="that it tracks, by their RINEX codes"
+        ("C1C",), min_length=1, description="RINEX codes of the signals that it tracks"
     )
     lever_arm_m: Vector3 = Field((0.0, 0.0, 0.0), description="IMU to antenna, forward, right, down")
     antenna: tuple[MountedAntenna, ...] = ()
     horizon_mask_deg: Elevation = 5.0
-    cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
+    cn0_dbhz: Positive = Field(45.0, description="link budget: C/N0 at an antenna of 0 dBic")
     cn0_sigma_db: NotNegative = Field(0.5, description="scatter of the C/N0 that it reports")
-    threshold_dbhz: NotNegative = Field(28.0, description="weaker signals are not tracked")
-    reacquire_s: NotNegative = Field(2.0, description="from the signal's return to its first measurement")
+    threshold_dbhz: NotNegative = Field(28.0, description="signals below this C/N0 are not tracked")
+    reacquire_s: NotNegative = Field(
+        2.0, description="time from the return of a signal to its first measurement"
+    )
     pseudorange_noise_m: WhiteNoise = WhiteNoise(floor=0.5, elevation=0.5, cn0_at_45_dbhz=0.7)
     range_rate_noise_mps: WhiteNoise = WhiteNoise(floor=0.03, elevation=0.02, cn0_at_45_dbhz=0.03)
-    carrier_noise_m: WhiteNoise | None = Field(None, description="none, none is logged")
+    carrier_noise_m: WhiteNoise | None = Field(None, description="left out: no carrier phase is logged")
     loops: Loops | None = None
-    slips_per_hour: NotNegative = Field(0.0, description="of each carrier")
+    slips_per_hour: NotNegative = Field(0.0, description="cycle slips per hour of each carrier")
     slips_indicated: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        0.9, description="share the receiver notices"
+        0.9, description="share of the slips that the receiver flags"
     )
     atmosphere: Literal["broadcast", "none"] = Field(
-        "broadcast", description="delays of the broadcast ionosphere and the standard troposphere, or none"
+        "broadcast",
+        description="delays of the broadcast ionosphere model and the standard troposphere, or none",
     )
     air_errors: AirErrors = AirErrors()
     ephemeris_errors: EphemerisErrors = EphemerisErrors()
@@ -263,16 +274,18 @@ class SimulatedAntenna(MountedAntenna):
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
     lever_arm_m: Vector3 = Field(description="IMU to phase centre, body axes")
-    clock_bias_m: float = Field(0.0, description="of its own clock beyond the main one's, at the start")
+    clock_bias_m: float = Field(
+        0.0, description="bias of its clock relative to the main receiver's, at the start"
+    )
 
 
 class SimulatedAttitude(StrictModel):
     """Further antennas: receivers like that of [gnss], each with errors of its own."""
 
     clocks: Literal["common", "separate"] = Field(
-        "common", description="of the receivers: one for all, or one each"
+        "common", description="one clock for all receivers, or one each"
     )
-    wind_up: bool = Field(True, description="antennas tilted against the main one see the wave turned")
+    wind_up: bool = Field(True, description="phase wind-up between tilted antennas")
     antenna: tuple[SimulatedAntenna, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -291,9 +304,9 @@ class SimulationConfig(StrictModel):
     source: str = Field("", description="where the numbers come from")
     gps_week: Annotated[int, Field(ge=0, le=9999)]
     start_s: Annotated[float, Field(ge=0.0, lt=604_800.0)] = Field(description="seconds of the GPS week")
-    duration_s: Positive | None = Field(None, description="that of the manoeuvres when left out")
+    duration_s: Positive | None = Field(None, description="left out: that of the manoeuvres")
     place: StartPlace | None = None
-    speed_mps: NotNegative = Field(0.0, description="at the beginning")
+    speed_mps: NotNegative = Field(0.0, description="speed at the start")
     manoeuvre: tuple[Manoeuvre, ...] = Field((), description="one after the other, see the kinds below")
     follow: LoggedReference | None = None
     reference_rate_hz: Annotated[float, Field(gt=0.0, le=200.0)] = 10.0

@@ -21,23 +21,27 @@ class SlowErrorSizes(StrictModel):
         {"G": 0.5, "E": 0.3, "C": 0.7, "J": 0.7, "R": 2.0, "I": 1.5, "S": 3.0},
         description="orbit and clock of the message, along the line of sight",
     )
-    precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
-    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, the residual of the ionosphere model")
+    precise_satellite_m: NotNegative = Field(0.05, description="the same with SP3 orbits and clocks")
+    ionosphere_zenith_m: NotNegative = Field(
+        1.5, description="residual of the ionosphere model at the zenith on L1"
+    )
     no_ionosphere_zenith_m: NotNegative = Field(
         5.0, description="the same without a model, or without its coefficients"
     )
     ionosphere_gradient_per_1000_km: NotNegative = Field(
-        0.6, description="of the zenith's error, to the north and to the east"
+        0.6, description="gradient of the zenith error, to the north and to the east"
     )
-    troposphere_zenith_m: NotNegative = Field(0.05, description="the residual of the troposphere model")
+    troposphere_zenith_m: NotNegative = Field(
+        0.05, description="residual of the troposphere model at the zenith"
+    )
     with_base_share: NotNegative = Field(
-        0.1, description="of all of these, after corrections of a base station"
+        0.1, description="factor on all of these with corrections of a base station"
     )
     satellite_time_s: Positive = Field(3600.0, description="correlation time of a satellite's error")
-    air_time_s: Positive = Field(3600.0, description="the same of the errors at the zenith")
+    air_time_s: Positive = Field(3600.0, description="correlation time of the errors at the zenith")
     ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
         0.005,
-        description="the ionosphere's error at the zenith wanders at most so fast between epochs of carrier phases",
+        description="largest random walk of the ionosphere's zenith error between epochs of carrier phases",
     )
 
 

@@ -106,10 +106,10 @@ def test_partial_file_changes_what_it_says_and_keeps_the_rest(tmp_path: Path) ->
 
 def test_partial_file_without_its_base_is_told_so_for_each_key_that_it_lacks(tmp_path: Path) -> None:
     with pytest.raises(
-        ConfigError, match="range_rate_noise_mps: it is needed too, unless based_on"
+        ConfigError, match="range_rate_noise_mps: noise of range rates; not required if based_on"
     ) as refused:
         filter_config(written(tmp_path, "[gates]\npseudorange_sigma = 4\n"))
-    assert 'begins with based_on = "tight"' in refused.value.advice
+    assert 'begin with based_on = "tight"' in refused.value.advice
 
 
 def test_partial_file_may_be_based_on_a_file_beside_it(tmp_path: Path) -> None:

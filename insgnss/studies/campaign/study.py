@@ -51,7 +51,7 @@ class CampaignConfig(StrictModel):
 
     name: str
     case: str = Field(
-        description="'matched', 'outage', 'masking', 'receiver', or a function of yours, 'package.module:function'"
+        description="'matched', 'outage', 'masking', 'receiver', or a function of your own, 'package.module:function'"
     )
     seeds: Annotated[int, Field(ge=1, le=_MOST_RUNS)] | tuple[Annotated[int, Field(ge=0)], ...]
     seeds_per_task: Annotated[int, Field(ge=1, le=_MOST_RUNS)] = 10
