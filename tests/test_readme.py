@@ -89,7 +89,8 @@ def test_every_status_that_a_page_names_exists() -> None:
     named = set(re.findall(words, ALL_PAGES))
 
     assert len(named) > 8
-    others = {"clock_bias_m", "clock_drift_mps", "no_measurements", "masked_bank"}  # columns, an event
+    # columns and events
+    others = {"clock_bias_m", "clock_drift_mps", "no_measurements", "masked_bank", "bad_row", "bad_cell"}
     settings = {key for schema in SETTINGS for key in keys_of(schema)}
     settings |= {field.name for field in fields(ReceiverOptions)}
     assert named - set(status.NAMES.values()) - others - settings == set()

@@ -129,4 +129,4 @@ def _list(kinds: list[str], *, as_json: bool) -> None:
         for row in rows:
             table.add_row(*map(escape, row))
         Console(file=sys.stdout, width=120).print(table)
-    typer.echo("insgnss models KIND NAME prints a model's file, with --output FILE it is copied")
+    typer.echo("insgnss models KIND NAME prints a model's file; --output FILE copies it")

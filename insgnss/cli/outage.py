@@ -158,7 +158,7 @@ def _print(study: OutageStudy) -> None:
         if len(back)
         else "longer than evaluated (see --after)"
     )
-    console.print(f"{len(study.windows)} windows; removed: {study.asked['removal']}", highlight=False)
+    console.print(f"{len(study.windows)} window(s); removed: {study.asked['removal']}", highlight=False)
     console.print(
         f"time until the position sigma is within 10 % of the undisturbed one: {times}"
         f" ({len(back)} of {len(study.windows)} windows)",

@@ -257,7 +257,7 @@ def test_command_prints_percentiles_and_writes_tables_and_picture(tmp_path: Path
     result = CliRunner().invoke(app, arguments)
 
     assert result.exit_code == 0, result.output
-    assert "4 windows without all measurements of all satellites" in result.output
+    assert "4 window(s); removed: all measurements of all satellites" in result.output
     assert len(pd.read_csv(tmp_path / "outage_windows.csv")) == 4
     assert (tmp_path / "outage.png").stat().st_size > 10_000
     assert CliRunner().invoke(app, ["outage", SAMPLE]).exit_code == ConfigError.exit_code
