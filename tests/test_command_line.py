@@ -91,13 +91,6 @@ def test_result_alone_stands_on_standard_output_of_a_pipe(tmp_path: Path) -> Non
     assert done.stderr == ""
 
 
-def test_cn0_is_refused_with_emitters_whose_file_has_it() -> None:
-    refused = CliRunner().invoke(app, ["receiver", "--emitters", "jammed_approach", "--cn0", "40"])
-
-    assert refused.exit_code == 2
-    assert "--cn0 is not used with --emitters" in refused.stderr
-
-
 def test_output_times_outside_the_log_name_the_option_that_gave_them(tmp_path: Path) -> None:
     (tmp_path / "times.csv").write_text("time_s\n1.0\n")
     flight = REPOSITORY / "data" / "sample_flight" / "flight.toml"

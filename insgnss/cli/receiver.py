@@ -116,8 +116,6 @@ def receiver(
         if emitters is not None:
             refuse_given(context, ("cn0",), "with --emitters: they determine the C/N0")
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
-        if emitters is not None:
-            refuse_given(context, ("cn0",), "with --emitters: their file has the C/N0")
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna
         from insgnss.studies.receiver.comparison import receiver_study
