@@ -20,12 +20,12 @@ from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.layout_names import StateLayout, state_layout
+from insgnss.filter.output.further_columns import COVARIANCES, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
 from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
-from insgnss.filter.smoothing.body_points import COVARIANCES, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.masking import NO_LIMITS

@@ -25,7 +25,8 @@ import numpy as np
 import pandas as pd
 
 from insgnss.errors import ResultError
-from insgnss.filter.smoothing.body_points import QUATERNION, attitudes_of, local_levels_of, places_of
+from insgnss.filter.output.further_columns import QUATERNION
+from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
 from insgnss.runs.datum import GPS_WEEK
 from insgnss.runs.wanted_times import WANTED, about, week_seconds
 from insgnss.tables import Bool, Float64, Int64

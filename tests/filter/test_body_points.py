@@ -8,12 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insgnss.filter.loop import ImuSamples
+from insgnss.filter.output.further_columns import COVARIANCES, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.output.writing import N_NAV
 from insgnss.filter.smoothing.body_points import (
-    COVARIANCES,
-    POINT,
-    POINT_COVARIANCES,
-    QUATERNION,
     PointColumns,
     further_values,
     local_levels_of,

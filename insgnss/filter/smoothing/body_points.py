@@ -20,6 +20,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
+from insgnss.filter.output.further_columns import COVARIANCES, PAIRS, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.output.nav_sigmas import level_turn
 from insgnss.filter.output.total_sigmas import slow_covariances
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
@@ -31,37 +32,10 @@ from insgnss.geodesy.rotations import EARTH_RATE_E, cross_matrix, euler_to_matri
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
-_PAIRS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_AXES: Final = "ned"
 _VELOCITY: Final = slice(NAV_COLUMNS.index("vn_mps"), NAV_COLUMNS.index("vd_mps") + 1)
 _ATTITUDE: Final = slice(NAV_COLUMNS.index("roll_deg"), NAV_COLUMNS.index("yaw_deg") + 1)
 _BIAS: Final = NAV_COLUMNS.index("gyro_bias_x_radps")
 _N: Final = BG + 3  # error states that matter here
-
-QUATERNION: Final = ("q_nb_w", "q_nb_x", "q_nb_y", "q_nb_z")
-
-
-def _of_pairs(before: str, of: str, unit: str) -> tuple[str, ...]:
-    return tuple(f"{before}_{of}{_AXES[i]}_{of}{_AXES[j]}_{unit}" for i, j in _PAIRS)
-
-
-COVARIANCES: Final = (
-    *_of_pairs("cov", "", "m2"),
-    *_of_pairs("cov", "v", "m2ps2"),
-    *_of_pairs("cov", "turn_", "deg2"),
-)
-POINT: Final = (
-    *("point_lat_deg", "point_lon_deg", "point_h_m", "point_vn_mps", "point_ve_mps", "point_vd_mps"),
-    *(
-        "sd_point_n_m",
-        "sd_point_e_m",
-        "sd_point_d_m",
-        "sd_point_vn_mps",
-        "sd_point_ve_mps",
-        "sd_point_vd_mps",
-    ),
-)
-POINT_COVARIANCES: Final = (*_of_pairs("cov_point", "", "m2"), *_of_pairs("cov_point", "v", "m2ps2"))
 
 
 @dataclass(frozen=True)
@@ -227,7 +201,7 @@ def _turned(C: Float64, v: Float64) -> Float64:
 
 def _upper(C: Float64) -> Float64:
     """Return the six different elements of symmetric matrices (m, 3, 3), row by row (m, 6)."""
-    return np.column_stack([C[:, i, j] for i, j in _PAIRS])
+    return np.column_stack([C[:, i, j] for i, j in PAIRS])
 
 
 @kernel
