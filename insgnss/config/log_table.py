@@ -51,13 +51,17 @@ class TimeScale(StrictModel):
 
     unit: Literal["s", "ms", "us", "ns"] = "s"
     origin: Literal["gps_week", "gps_epoch", "unix_epoch", "calendar"] = Field(
-        "gps_week", description="the origin of numbers; 'calendar': dates, as 2025-08-28T17:30:22.961Z"
+        "gps_week", description="origin of numeric times; 'calendar': dates such as 2025-08-28T17:30:22.961Z"
     )
-    date_order: Literal["ymd", "dmy", "mdy"] = Field("ymd", description="of year, month and day in a date")
-    date: dt.date | None = Field(None, description="of the first row, where the log holds times of day alone")
-    scale: Literal["gps", "utc"] = Field("gps", description="of dates 'utc' or 'gps' must be given")
+    date_order: Literal["ymd", "dmy", "mdy"] = Field(
+        "ymd", description="order of year, month and day in a date"
+    )
+    date: dt.date | None = Field(
+        None, description="date of the first row, where the log holds only times of day"
+    )
+    scale: Literal["gps", "utc"] = Field("gps", description="time scale; must be given for dates")
     leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
-        None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
+        None, description="GPS minus UTC [s], 18 since 2017; left out: by date"
     )
     offset_s: float = Field(
         0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
@@ -109,17 +113,17 @@ class LogColumns(StrictModel):
     """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
     time: ColumnNames = Field(
-        "time_s", description="of times; of times of day also three: hours, minutes, seconds"
+        "time_s", description="column of times; for times of day also three: hours, minutes, seconds"
     )
     date: ColumnNames = Field(
         NO_COLUMN,
-        description="of dates, where the time column holds the time of day; or of years, months, days",
+        description="column of dates, where the time column holds the time of day; or of years, months, days",
     )
     week: ColumnName = Field(
-        NO_COLUMN, description="of GPS weeks, where the time column holds seconds of them"
+        NO_COLUMN, description="column of GPS weeks, where the time column holds seconds of the week"
     )
     nanoseconds: ColumnName = Field(
-        NO_COLUMN, description="added to the numbers of the time column, as ROS writes sec and nanosec"
+        NO_COLUMN, description="column added to the time column, as ROS writes sec and nanosec"
     )
 
     @model_validator(mode="after")
@@ -165,7 +169,7 @@ class LogTable(StrictModel):
 
     columns: LogColumns = LogColumns()
     time: TimeScale = TimeScale()
-    decimal: Literal[".", ","] = Field(".", description="the decimal mark of every number")
+    decimal: Literal[".", ","] = Field(".", description="decimal mark of the numbers")
 
     @model_validator(mode="after")
     def _time_columns_fit_the_origin(self) -> Self:

@@ -60,7 +60,7 @@ class ClockJump(StrictModel):
 
 
 class FalseLock(TimedFault):
-    """A carrier loop locked beside its frequency: the Doppler is off by a multiple of half the data rate."""
+    """A carrier loop locked to a wrong frequency: the Doppler is off by a multiple of half the data rate."""
 
     kind: Literal["false_lock"]
     sv: GpsSatellite
