@@ -163,9 +163,7 @@ def prepare_rows(
     observation["variance_scale"] = _by_constellation(gnss, variance_scale, 1.0)
     observation["bias_sigma"] = _by_constellation(gnss, slow_sigma_m, 0.0)
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
-    observation["thermal"] = thermal_factor(cn0)
-    observation["weakness"] = weakness_db(cn0, observation["slot"] % N_BANDS, first)
+    _write_strength(observation, gnss.cn0_dbhz, first)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)
     rates = range_rates(gnss, channels)
@@ -205,6 +203,13 @@ def prepare_rows(
         before=before,
         before_ns=np.concatenate([[0], epoch_ns])[:-1].astype(np.int64),
     )
+
+
+def _write_strength(observation: npt.NDArray[Any], cn0_dbhz: Float64, first: Int64) -> None:
+    """Write C/N0 and what follows from it; the rows have their slots."""
+    observation["cn0"] = cn0 = np.where(np.abs(cn0_dbhz) <= MOST_CN0_DBHZ, cn0_dbhz, math.nan)
+    observation["thermal"] = thermal_factor(cn0)
+    observation["weakness"] = weakness_db(cn0, observation["slot"] % N_BANDS, first)
 
 
 def apply_corrections(observation: npt.NDArray[Any], correction_m: Float64) -> None:

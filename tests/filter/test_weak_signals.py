@@ -29,7 +29,7 @@ class Receiver:
 
     def __init__(self) -> None:
         self.par = np.zeros(1, PARAMETERS_DTYPE)[0]
-        self.par["weak_signal2"] = ASSUMED**2
+        self.par["weak_signal2"], self.par["adapt_gain"] = ASSUMED**2, 1.0 / FORGOTTEN_S
         self.m = new_bank(1, 0).state[0]
         self.P = 100.0 * np.eye(OFFSETS)
         self.work = new_epoch(N, OFFSETS)

@@ -9,9 +9,10 @@ the assumption s (``adaptation.weak_signal_m_per_db``), and residuals take it ba
     r = f r_0 + k a,   a = (s w)^2,   w the weakness of the signal (``signal_weakness``)
     k = (n + sum p^2 (e^2 - q f r_0) / a) / (n + sum p^2 q),   n = 2
 
-over the rows of the last half minute with w > 0; e is the residual of a row against the others, of variance q r
-(``integrity``), f r_0 its variance without weakness. p = a / (f r_0 + a) is how clearly a row shows k: by the estimator
-of least variance p^2 is its weight. Rows outside their gate count, as weak ones are refused where k is too small.
+over the rows with w > 0, which fade with the time constant of all levels; e is the residual of a row against the
+others, of variance q r (``integrity``), f r_0 its variance without weakness. p = a / (f r_0 + a) is how clearly a row
+shows k: by the estimator of least variance p^2 is its weight. Rows outside their gate count, as weak ones are refused
+where k is too small.
 None counts more than three sigmas, and of each epoch the largest e^2 / (q r) does not count: one satellite that is
 wrong is a fault, and no weakness. Of six normal errors the others show 0.6 of k. k is at least zero. A fix by ranges
 alone, which can learn nothing, takes k = 1.
@@ -37,14 +38,13 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
-_LEARNT_S: Final = 30.0
 _LARGEST_SQUARE: Final = 9.0  # of a residual over its variance
 
 
 @kernel(inline=True)
 def follow_weak_signals(m: StateRecord, par: Parameters, lines: Lines, fit: Float64, since_s: float) -> None:
     """Carry on the sums of k with an epoch ``since_s`` after the one before; ``fit`` is that of its pseudoranges."""
-    level, kept = max(weak_signal_level(m), 1.0), math.exp(-since_s / _LEARNT_S)
+    level, kept = max(weak_signal_level(m), 1.0), math.exp(-since_s * par.adapt_gain)
     shown, rows = 0.0, 0.0
     largest, largest_shown, largest_rows = 0.0, 0.0, 0.0
     for j in range(lines.shape[0]):
