@@ -32,6 +32,7 @@ from insgnss.tracking.loop_filters import LoopFilter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.phase_motion import steady_phase, wandering_phase
 
+_SEEN_SIGMAS: Final = 4.0  # of noise by which the power of a signal stands out: once in 30 000 without one
 _SETTLING_SHARE: Final = 0.2  # of the time is left to the transients of the start
 _MOTION_KEY, _SIGN_KEY = 1_000_001, 1_000_002  # seeds apart from those of the channels' noise
 
@@ -173,5 +174,15 @@ def _estimates(prompt: Complex, step_s: float, block: int) -> tuple[float, float
 
 
 def _mean_lock(prompt: Complex, block: int) -> float:
-    """Return the phase lock over all channels, NaN where a symbol holds one integration only."""
-    return float(np.mean(phase_lock(prompt, block, len(prompt) // block))) if block > 1 else math.nan
+    """Return the phase lock over the channels that see a signal; NaN without one, or with one integration a symbol.
+
+    Noise alone makes the power of sums over M integrations that of the single ones, with a relative deviation of
+    sqrt((M - 1) / (M blocks)). Where the signal is lost the phase lock is a ratio of two such noises, of any size.
+    """
+    blocks = len(prompt) // block
+    if block < 2 or blocks < 1:
+        return math.nan
+    Z = prompt[: blocks * block].reshape(blocks, block, -1)
+    power = (np.abs(Z.sum(axis=1)) ** 2).sum(axis=0) / (np.abs(Z) ** 2).sum(axis=(0, 1))
+    seen = power - 1.0 > _SEEN_SIGMAS * math.sqrt((block - 1.0) / (block * blocks))
+    return float(np.mean(phase_lock(prompt, block, blocks).ravel()[seen])) if seen.any() else math.nan

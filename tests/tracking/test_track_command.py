@@ -44,6 +44,14 @@ def test_motion_breaks_the_loop_that_aiding_holds() -> None:
     assert held.slipped == 0 and held.phase_rms_rad < 0.1
 
 
+def test_phase_lock_of_lost_signals_is_nan_and_not_a_ratio_of_noises() -> None:
+    """At 400 m/s^2 from the first integration on the frequency leaves the integrations' band: no signal is seen."""
+    assert np.isnan(
+        [trial(cn0, CarrierDynamics(400.0), seconds=10.0).phase_lock for cn0 in (40.0, 70.0)]
+    ).all()
+    assert trial(30.0, CarrierDynamics(), seconds=10.0).phase_lock > 0.8
+
+
 def test_short_trials_say_nan_instead_of_failing() -> None:
     found = trial(43.0, CarrierDynamics(), seconds=0.001)  # one integration
     assert np.isnan([found.phase_lock, found.moment_dbhz, found.narrow_wide_dbhz]).all()
