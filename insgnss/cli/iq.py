@@ -85,14 +85,14 @@ def iq(
     if as_json:
         print_json(results)
         return
-    _print(study, results, output)
+    _print(study, results, output if record is None else record)
     typer.echo(f"{time.perf_counter() - began:.2f} s in all")
 
 
 def _print(study: SampleStudy | None, results: dict[str, object], output: Path | None) -> None:
     """Print what was made."""
     if study is None:
-        typer.echo(f"wrote {results['samples']} samples at {results['rate_hz']:g} Hz: {results['wrote']}")
+        typer.echo(f"wrote {results['samples']} samples at {results['rate_hz']:g} Hz to {output}")
         return
     result_console(110).print(_table(study))
     if "note" in results:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import tempfile
@@ -176,6 +177,10 @@ def test_command_records_samples_and_prints_a_summary(tmp_path: Path) -> None:
     told = CliRunner().invoke(app, ["iq", *common, "--duration", "0.2", "--record", str(tmp_path / "a.iq")])
     assert json.loads(told.output)["samples"] == 440_000
     assert (tmp_path / "a.iq").stat().st_size == 880_000
+    plain = [*common[:-1], "--duration", "0.05", "--record", "b.iq"]
+    with contextlib.chdir(tmp_path):
+        told = CliRunner().invoke(app, ["iq", *plain])
+    assert "wrote 110000 samples at 2.2e+06 Hz to b.iq" in told.output
     out = str(tmp_path / "out")
     told = CliRunner().invoke(
         app, ["iq", *common, "--duration", "3", "--loss", "0", "-r", "aided", "-o", out]
