@@ -187,5 +187,6 @@ def test_cn0_beside_emitters_is_refused_by_the_command() -> None:
 
 
 def test_options_that_one_receiver_uses_are_taken() -> None:
-    flown({"latency_s": 0.01, "spacing_chips": 0.5}, variants=("scalar", "one_stage_code"))
-    flown({"spacing_chips": 0.5}, tracking="noncoherent")
+    both = flown({"latency_s": 0.01, "spacing_chips": 0.5}, variants=("scalar", "one_stage_code"))
+    assert set(both.summary["variant"]) == {"scalar", "one_stage_code"}
+    assert set(flown({"spacing_chips": 0.5}, tracking="noncoherent").summary["variant"]) == {"one_stage"}
