@@ -163,7 +163,7 @@ def prepare_rows(
     observation["variance_scale"] = _by_constellation(gnss, variance_scale, 1.0)
     observation["bias_sigma"] = _by_constellation(gnss, slow_sigma_m, 0.0)
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    _write_strength(observation, gnss.cn0_dbhz, first)
+    _write_strength(observation, gnss.cn0_dbhz, usable == USED, first)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)
     rates = range_rates(gnss, channels)
@@ -205,11 +205,12 @@ def prepare_rows(
     )
 
 
-def _write_strength(observation: npt.NDArray[Any], cn0_dbhz: Float64, first: Int64) -> None:
-    """Write C/N0 and what follows from it; the rows have their slots."""
+def _write_strength(observation: npt.NDArray[Any], cn0_dbhz: Float64, usable: Bool, first: Int64) -> None:
+    """Write C/N0 and what follows from it; the rows have their slots. Rows that no kind uses make no other weak."""
     observation["cn0"] = cn0 = np.where(np.abs(cn0_dbhz) <= MOST_CN0_DBHZ, cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)
-    observation["weakness"] = weakness_db(cn0, observation["slot"] % N_BANDS, first)
+    strength = np.where(usable, cn0, math.nan)
+    observation["weakness"] = weakness_db(strength, observation["slot"] % N_BANDS, first)
 
 
 def apply_corrections(observation: npt.NDArray[Any], correction_m: Float64) -> None:

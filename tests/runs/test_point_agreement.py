@@ -149,11 +149,16 @@ def test_position_with_atmosphere_and_own_weights_is_near_that_of_rtklib(
 
     Troposphere: 1 / sin(elevation) there, a mapping function and another humidity here: 8 cm north, 16 cm in height.
     Weights: there half of the ionosphere's delay and the URA count, here elevation and C/N0: the code noise of single
-    satellites, metres on this antenna, enters with other factors.
+    satellites, metres on this antenna, enters with other factors. Weak signals count as the others do, as there.
     """
     flight, logs = reach
     config = settings("klobuchar", "saastamoinen", ("G",), 10.0)
-    config = config.model_copy(update={"pseudorange_noise_m": filter_config("tight17").pseudorange_noise_m})
+    usual = filter_config("tight17")
+    changes = {
+        "pseudorange_noise_m": usual.pseudorange_noise_m,
+        "adaptation": usual.adaptation.model_copy(update={"weak_signal_m_per_db": 0.0}),
+    }
+    config = config.model_copy(update=changes)
     rows, out, r_e = solved(flight, logs, config, None)
     apart = []
     for fact in WITH_ATMOSPHERE:

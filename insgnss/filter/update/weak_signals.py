@@ -14,8 +14,8 @@ others, of variance q r (``integrity``), f r_0 its variance without weakness. p 
 shows k: by the estimator of least variance p^2 is its weight. Rows outside their gate count, as weak ones are refused
 where k is too small.
 None counts more than three sigmas, and of each epoch the largest e^2 / (q r) does not count: one satellite that is
-wrong is a fault, and no weakness. Of six normal errors the others show 0.6 of k. k is at least zero. A fix by ranges
-alone, which can learn nothing, takes k = 1.
+wrong is a fault, and no weakness. Of six normal errors the others show 0.6 of k. k is at least zero. A point
+solution, which can learn nothing, takes k = 1 for rows whose sigma the log does not state.
 
 On the square the horizontal error over sigma is 0.58 to 0.66 in the median and 3.3 to 5.7 at 95 %, in eight sets of 60
 runs (0.83 and 1.7 would be right); without k a it is 1.7 to 2.4 and 5.6 to 9.5. Neglects: how long these errors last

@@ -149,7 +149,8 @@ def see_rows(
         thermal = float(rows.thermal[i])  # of single precision: plain Python would compute in it
         modelled = _variance(rows.sigma[i, 0], sine, thermal, settings.range_noise)
         left = settings.unmodelled_zenith_m * shell_mapping(sine)
-        weak = settings.weak_signal2 * float(rows.weakness[i]) ** 2
+        # a sigma that the log states has its signal's strength in it
+        weak = 0.0 if rows.sigma[i, 0] > 0.0 else settings.weak_signal2 * float(rows.weakness[i]) ** 2
         room.sigma[0, j] = math.sqrt(modelled * float(rows.variance_scale[i]) + weak + left * left)
         room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, thermal, settings.rate_noise))
 
