@@ -136,4 +136,4 @@ def test_options_that_contradict_each_other_are_an_error() -> None:
 
 def test_help_of_smooth_says_where_its_rows_lie() -> None:
     told = " ".join(CliRunner(env={"COLUMNS": "60"}).invoke(app, ["smooth", "--help"]).output.split())
-    assert "none stands inside an outage" in told and "--rate imu, a rate in Hz or --times" in told
+    assert "one row per GNSS epoch, and so none inside an outage" in told and "--rate or --times" in told

@@ -287,9 +287,7 @@ def test_gnss_tags_that_are_50_ms_late_are_told() -> None:
     assert "GNSS time tags" in told(late_epochs(), "time_tag_suspect")[0]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the time offset is no state yet: issue 'What lasts, and what the vehicle knows'"
-)
+@pytest.mark.xfail(strict=True, reason="the time offset is no state of this filter")
 def test_gnss_tags_that_are_50_ms_late_have_honest_sigmas() -> None:
     assert sigmas(late_epochs(), FAULT_S, POSITION) < 5.0
 
