@@ -44,7 +44,7 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def entry(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
-    """Return the value at a path of keys in nested tables, None where there is no such path."""
+    """Return an entry of nested tables by its keys, the outermost first; None if a table or the entry is missing."""
     value: Any = settings
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None

@@ -287,7 +287,7 @@ def test_gnss_tags_that_are_50_ms_late_are_told() -> None:
     assert "GNSS time tags" in told(late_epochs(), "time_tag_suspect")[0]
 
 
-@pytest.mark.xfail(strict=True, reason="the time offset is no state of this filter")
+@pytest.mark.xfail(strict=True, reason="this filter does not estimate the time offset")
 def test_gnss_tags_that_are_50_ms_late_have_honest_sigmas() -> None:
     assert sigmas(late_epochs(), FAULT_S, POSITION) < 5.0
 

@@ -185,11 +185,12 @@ def share_noise_levels(bank: Bank) -> None:
     for kind in range(N_KINDS):
         for which in range(N_LASTING_SUMS):
             share_mean(state, state["lasting"][:, kind, which])
-    for kind in range(N_FACTORS if bank.head[0].more_than_headings == 0 else 0):
+    if bank.head[0].more_than_headings != 0:
+        return
+    for kind in range(N_FACTORS):
         share_mean(state, state["noise_factor"][:, kind])
-    if bank.head[0].more_than_headings == 0:
-        share_mean(state, state["weak_shown"])
-        share_mean(state, state["weak_rows"])
+    share_mean(state, state["weak_shown"])
+    share_mean(state, state["weak_rows"])
 
 
 @kernel(inline=True)
