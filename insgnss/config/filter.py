@@ -296,9 +296,7 @@ class StartConfig(StrictModel):
 class HeadingConfig(StrictModel):
     """How an unknown heading is found: a bank of filters, one for each heading; measurements remove wrong ones."""
 
-    hypotheses: Annotated[int, Field(ge=1, le=36)] = Field(
-        12, description="number of headings, evenly spaced; 1: no bank"
-    )
+    hypotheses: Annotated[int, Field(ge=1, le=36)] = Field(12, description="evenly spaced; 1: no bank")
     unknown_above_deg: Positive = Field(30.0, description="a start with a wider heading sigma opens the bank")
     drop_below: Annotated[float, Field(gt=0.0, lt=0.1)] = Field(
         1e-6, description="heading hypotheses below this weight are dropped"
@@ -323,6 +321,9 @@ class Adaptation(StrictModel):
     )
     weak_signal_m_per_db: NotNegative = Field(
         2.0, description="error of a weak signal's pseudorange until the residuals show it; 0: none"
+    )
+    weak_signal_mps_per_db: NotNegative = Field(
+        0.2, description="error of its range rate in the solution of a single epoch; 0: none"
     )
     rate_memory_s: NotNegative = Field(
         8.0,

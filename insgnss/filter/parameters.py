@@ -118,6 +118,7 @@ class Parameters(Record):
     adapt_most: float
     adapt_least_at_rest: float
     weak_signal2: float  # variance that a weak signal adds to its pseudorange [m^2/dB^2]; 0: none
+    weak_rate2: float  # the same of a range rate in a solution of one epoch [m^2/s^2/dB^2]
     lever_b: Annotated[Float64, 3]  # IMU to antenna, body [m]
 
 
@@ -287,6 +288,7 @@ def resolve_parameters(
         widest_heading(config.heading) ** 2,
         *_noise_levels(config.adaptation),
         config.adaptation.weak_signal_m_per_db**2 if config.adaptation.on else 0.0,
+        config.adaptation.weak_signal_mps_per_db**2 if config.adaptation.on else 0.0,
         lever_arm_m,
     )
     return np.array([values], PARAMETERS_DTYPE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -47,9 +49,8 @@ def test_fix_is_the_point_solution_of_the_epoch(sample: tuple[FilterSetup, GnssR
         np.testing.assert_array_equal(fix.r_a, out.r_e[epoch])
         np.testing.assert_array_equal(fix.v_a, out.v_e[epoch])
         np.testing.assert_array_equal(fix.clocks, out.clock_m[epoch])
-        # rows that scatter more than their sigmas say widen the covariance, others leave it
-        np.testing.assert_allclose(fix.P, out.P[epoch] * max(out.misfit[epoch, 0], 1.0), rtol=1e-12)
-        np.testing.assert_allclose(fix.P_v, out.P_v[epoch] * max(out.misfit[epoch, 1], 1.0), rtol=1e-12)
+        np.testing.assert_allclose(fix.P, out.P[epoch], rtol=1e-12)
+        np.testing.assert_allclose(fix.P_v, out.P_v[epoch], rtol=1e-12)
         first, last = rows.first[epoch], rows.first[epoch + 1]
         np.testing.assert_array_equal(fix.used.T & fix.tried.T, fix.used.T)
         np.testing.assert_array_equal(fix.used.T, fix.tried.T & (out.status[first:last] == USED))
@@ -68,6 +69,21 @@ def test_scatter_that_passes_the_test_widens_the_covariance(
     assert good is not None and rough is not None
     assert rough.used[PSEUDORANGE].sum() == good.used[PSEUDORANGE].sum()
     assert np.trace(rough.P) > 1.2 * np.trace(good.P)
+
+
+@pytest.mark.parametrize(("kind", "per_db"), [(PSEUDORANGE, 2.0), (RANGE_RATE, 0.2)])
+def test_weak_signal_has_a_larger_sigma_unless_the_log_states_one(
+    sample: tuple[FilterSetup, GnssRows, Parameters], kind: int, per_db: float
+) -> None:
+    setup, rows, _ = sample
+    row, weakness = int(rows.first[EPOCH]) + 2, 10.0
+    for stated, added in ((math.nan, per_db * weakness), (0.3, 0.0)):
+        observation = rows.observation.copy()
+        observation["sigma"][:, kind], observation["weakness"] = stated, 0.0
+        strong = solve_rows(setup, rows._replace(observation=observation))[2].sigma[row, kind]
+        observation["weakness"][row] = weakness
+        weak = solve_rows(setup, rows._replace(observation=observation))[2].sigma[row, kind]
+        assert weak**2 - strong**2 == pytest.approx(added**2, rel=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "by"), [(PSEUDORANGE, 900.0), (PSEUDORANGE, -5e4), (RANGE_RATE, 30.0)])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.filter.parameters import PARAMETERS_DTYPE
+from insgnss.filter.rows.usual_variance import foreseen_variance, usual_variance
 from insgnss.filter.rows.weak_signals import ASSUMED_ROWS, weak_signal_level
 from insgnss.filter.state import OFFSETS, new_bank
 from insgnss.filter.update.epoch_space import new_epoch
@@ -127,6 +128,14 @@ def test_what_was_learnt_fades_and_the_assumption_returns() -> None:
     receiver.see(np.zeros(N), tuple(np.flatnonzero(WEAKNESS)), INCONSISTENT, since_s=10.0 * FORGOTTEN_S)
     assert receiver.m.weak_rows == pytest.approx(learnt * math.exp(-10.0), rel=1e-9)
     assert receiver.slope == pytest.approx(ASSUMED, rel=learnt * math.exp(-10.0) / ASSUMED_ROWS)
+
+
+def test_ledger_has_the_whole_variance_of_a_weak_signal_and_the_foreseen_one_of_a_rate() -> None:
+    work = new_epoch(1, OFFSETS)
+    line = work.lines[0]
+    line["variance"], line["weak"], line["extra"], line["foreseen"] = [5.0, 3.0, 1.0], 2.0, 1.5, 0.5
+    assert [foreseen_variance(line, kind) for kind in range(3)] == [5.0, 2.0, 1.0]
+    assert [usual_variance(line, kind) for kind in range(3)] == [3.0, 1.5, 1.0]
 
 
 def test_weakness_is_that_below_the_third_strongest_of_its_band_and_epoch() -> None:

@@ -69,7 +69,7 @@ def log_of_epochs() -> list[Any]:
         STANDARD_WEATHER,
         _NOISE,
         (9e-4, 4e-4, 9e-4, 1.0),
-        0.04,
+        (0.04, 4e-4),
         100.0,
         3.0,
         Ties(np.array([-1, 0]), 4e-4),

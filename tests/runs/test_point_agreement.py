@@ -68,8 +68,9 @@ WITH_ATMOSPHERE = (  # ionoopt brdc, tropopt saas, and the default stats-errphas
 def settings(
     ionosphere: str, troposphere: str, constellations: tuple[str, ...], mask_deg: float
 ) -> FilterConfig:
-    """Return a filter whose own noise is next to nothing: the sigmas of the log count."""
+    """Return a filter whose own noise is next to nothing: the sigmas of the log count, weak signals as the others."""
     config = filter_config("tight17")
+    weak = {"weak_signal_m_per_db": 0.0, "weak_signal_mps_per_db": 0.0}
     use = config.measurements.model_copy(
         update={
             "constellations": constellations,
@@ -85,6 +86,7 @@ def settings(
         update={
             "measurements": use,
             "slow_errors": no_slow_errors,
+            "adaptation": config.adaptation.model_copy(update=weak),
             "pseudorange_noise_m": NoiseConfig(floor=1e-3, elevation=0.0, cn0_at_45_dbhz=0.0),
             "range_rate_noise_mps": NoiseConfig(floor=0.2, elevation=0.0, cn0_at_45_dbhz=0.0),
         }
@@ -153,12 +155,7 @@ def test_position_with_atmosphere_and_own_weights_is_near_that_of_rtklib(
     """
     flight, logs = reach
     config = settings("klobuchar", "saastamoinen", ("G",), 10.0)
-    usual = filter_config("tight17")
-    changes = {
-        "pseudorange_noise_m": usual.pseudorange_noise_m,
-        "adaptation": usual.adaptation.model_copy(update={"weak_signal_m_per_db": 0.0}),
-    }
-    config = config.model_copy(update=changes)
+    config = config.model_copy(update={"pseudorange_noise_m": filter_config("tight17").pseudorange_noise_m})
     rows, out, r_e = solved(flight, logs, config, None)
     apart = []
     for fact in WITH_ATMOSPHERE:

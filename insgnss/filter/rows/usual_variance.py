@@ -18,4 +18,4 @@ def usual_variance(line: Line, kind: int) -> float:
 @kernel(inline=True)
 def foreseen_variance(line: Line, kind: int) -> float:
     """Return the variance of a row with its satellite's own noise as predicted from earlier epochs."""
-    return float(usual_variance(line, kind) + (line.foreseen if kind == RANGE_RATE else 0.0))
+    return float(line.variance[kind] + (line.foreseen - line.extra if kind == RANGE_RATE else 0.0))

@@ -14,7 +14,7 @@ from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
 from insgnss.gnss.point.log import solve_epochs
-from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.point.rows import PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.gnss.troposphere import Weather
 from insgnss.status import USED
 from insgnss.tables import Bool, Float64, Int64
@@ -85,10 +85,10 @@ def fix_epoch(rows: GnssRows, epoch: int, par: Parameters, ties: Ties, max_gdop:
         t_ns=int(rows.epoch_ns[epoch]),
         r_a=out.r_e[0],
         clocks=out.clock_m[0],
-        P=out.P[0] * _stretch(out, PSEUDORANGE),
+        P=out.P[0],
         v_a=out.v_e[0] if with_rates else None,
         drift=float(out.drift_mps[0]) if with_rates else math.nan,
-        P_v=out.P_v[0] * _stretch(out, RANGE_RATE),
+        P_v=out.P_v[0],
         rows=np.arange(first, last),
         used=used,
         tried=tried,
@@ -106,11 +106,6 @@ def _limits(most: int) -> Float64:
     freedom = np.arange(1.0, most + 1.0)
     s = 2.0 / (9.0 * freedom)
     return np.append(0.0, freedom * (1.0 - s + _FALSE_ALARM_Z * np.sqrt(s)) ** 3)
-
-
-def _stretch(out: PointLog, kind: int) -> float:
-    """Return the factor on a covariance whose rows scatter more than their sigmas say."""
-    return float(np.fmax(out.misfit[0, kind], 1.0))
 
 
 def point_rows(rows: GnssRows, par: Parameters, first: int, last: int) -> PointRows:
@@ -159,7 +154,7 @@ def point_settings(
         weather=Weather(float(par["pressure_0"]), float(par["temperature_0"]), float(par["humidity"])),
         range_noise=noise(PSEUDORANGE),
         rate_noise=noise(RANGE_RATE),
-        weak_signal2=float(par["weak_signal2"]),
+        weak_signal2=(float(par["weak_signal2"]), float(par["weak_rate2"])),
         max_gdop=max_gdop,
         missed_sigmas=missed_sigmas,
         ties=ties,

@@ -47,7 +47,17 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     rows = _no_rows()
     places = np.zeros(0, np.int64)
     settings = PointSettings(
-        ANY_X, ANY_X, ANY_X, STANDARD_WEATHER, (ANY_X,) * 4, (ANY_X,) * 4, ANY_X, ANY_X, ANY_X, ties, ANY_X
+        ANY_X,
+        ANY_X,
+        ANY_X,
+        STANDARD_WEATHER,
+        (ANY_X,) * 4,
+        (ANY_X,) * 4,
+        (ANY_X,) * 2,
+        ANY_X,
+        ANY_X,
+        ties,
+        ANY_X,
     )
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))

@@ -125,6 +125,13 @@ def _variance(stated: float, sine: float, thermal: float, noise: tuple[float, fl
     return max(stated * stated, modelled) if stated > 0.0 else modelled
 
 
+@kernel
+def _weak_variance(rows: PointRows, settings: PointSettings, i: int, kind: int) -> float:
+    """Return what a weak signal adds to a row's variance; a sigma that the log states has it already."""
+    stated = rows.sigma[i, kind] > 0.0
+    return 0.0 if stated else settings.weak_signal2[kind] * float(rows.weakness[i]) ** 2
+
+
 @kernel(apart=True)
 def see_rows(
     rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _EpochRows, u_n: Float64
@@ -149,10 +156,10 @@ def see_rows(
         thermal = float(rows.thermal[i])  # of single precision: plain Python would compute in it
         modelled = _variance(rows.sigma[i, 0], sine, thermal, settings.range_noise)
         left = settings.unmodelled_zenith_m * shell_mapping(sine)
-        # a sigma that the log states has its signal's strength in it
-        weak = 0.0 if rows.sigma[i, 0] > 0.0 else settings.weak_signal2 * float(rows.weakness[i]) ** 2
-        room.sigma[0, j] = math.sqrt(modelled * float(rows.variance_scale[i]) + weak + left * left)
-        room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, thermal, settings.rate_noise))
+        range_variance = modelled * float(rows.variance_scale[i]) + left * left
+        rate_variance = _variance(rows.sigma[i, 1], sine, thermal, settings.rate_noise)
+        room.sigma[0, j] = math.sqrt(range_variance + _weak_variance(rows, settings, i, 0))
+        room.sigma[1, j] = math.sqrt(rate_variance + _weak_variance(rows, settings, i, 1))
 
 
 @kernel(apart=True)
@@ -251,9 +258,16 @@ def _misfit(rows: FitRows, found: PointFit, fits: Fits) -> float:
 
 
 @kernel
+def _stretch(misfit: float) -> float:
+    """Return the factor on a covariance whose rows scatter more than their sigmas say."""
+    return misfit if misfit > 1.0 else 1.0
+
+
+@kernel
 def _write(e: int, position: PointFit, velocity: PointFit, out: PointLog) -> None:
     """Write position and velocity at reception, clocks and covariances of an epoch."""
     p = len(position.x)
+    stretch, rate_stretch = _stretch(out.misfit[e, 0]), _stretch(out.misfit[e, 1])
     for a in range(3):
         out.r_e[e, a] = position.x[a]
         out.v_e[e, a] = velocity.x[a]
@@ -262,10 +276,10 @@ def _write(e: int, position: PointFit, velocity: PointFit, out: PointLog) -> Non
     out.drift_mps[e] = velocity.x[3]
     for a in range(p):
         for c in range(p):
-            out.P[e, a, c] = position.P[a, c]
+            out.P[e, a, c] = position.P[a, c] * stretch
     for a in range(4):
         for c in range(4):
-            out.P_v[e, a, c] = velocity.P[a, c] + 0.0 * velocity.x[0]
+            out.P_v[e, a, c] = velocity.P[a, c] * rate_stretch + 0.0 * velocity.x[0]
 
 
 @kernel(apart=True)
@@ -291,13 +305,14 @@ def solve_position(
     if verdict == TOO_FEW or verdict == BAD_GEOMETRY or freedom < 0:
         fill(x, math.nan)
         return verdict
+    out.misfit[e, 0] = _misfit(one, found, fits)
     if verdict == OK or verdict == EXCLUDED:
         redundancy(one, use, x, P, fits.work, fits.room)
         left = count(use) - n_unknowns(rows_per_clock(one, use, len(x) - CLOCKS))
+        sigmas = settings.missed_sigmas * math.sqrt(_stretch(out.misfit[e, 0]))
         out.level_m[e, 0], out.level_m[e, 1] = protection_levels(
-            use, fits.room, P, room.C_ne, fits.limits[left], settings.missed_sigmas
+            use, fits.room, P, room.C_ne, fits.limits[left], sigmas
         )
-    out.misfit[e, 0] = _misfit(one, found, fits)
     _forget(use, room.group[0], x, P)
     return verdict
 

@@ -43,7 +43,8 @@ class PointSettings(NamedTuple):
     # floor2, elevation2, cn02 [m^2], thermal factor where missing
     range_noise: tuple[float, float, float, float]
     rate_noise: tuple[float, float, float, float]  # [m^2/s^2]
-    weak_signal2: float  # variance that a weak signal adds to its pseudorange [m^2/dB^2]
+    # variance that a weak signal adds to its pseudorange and its range rate [m^2/dB^2, m^2/s^2/dB^2]
+    weak_signal2: tuple[float, float]
     max_gdop: float
     missed_sigmas: float  # normal quantile of a missed detection, for the protection levels
     ties: Ties  # of the clocks
@@ -57,8 +58,9 @@ class PointLog(NamedTuple):
     v_e: Float64  # (m, 3) [m/s]
     clock_m: Float64  # (m, g)
     drift_mps: Float64  # (m,)
-    P: Float64  # (m, 3 + g, 3 + g) covariance of position and clocks as the sigmas say
-    P_v: Float64  # (m, 4, 4) covariance of velocity and drift
+    # covariance as the sigmas say, or as the rows in the solution scatter where that is more (``misfit``)
+    P: Float64  # (m, 3 + g, 3 + g) of position and clocks
+    P_v: Float64  # (m, 4, 4) of velocity and drift
     dop: Float64  # (m, 5) G, P, H, V, T
     level_m: Float64  # (m, 2) horizontal, vertical protection level
     verdict: Int8  # (m, 2) of ``integrity``
