@@ -16,6 +16,7 @@ the gain is off by their ratio for products of two correlators: an amplifier hol
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -117,7 +118,7 @@ def channels_of(
         FREQUENCY_KINDS.index(frequency_kind),
         DELAY_KINDS.index(delay_kind),
     )
-    channels = ChannelConstants(
+    return ChannelConstants(
         coherent,
         step_s,
         k,
@@ -125,35 +126,42 @@ def channels_of(
         np.array(kinds, np.int64),
         correlators.offsets,
         correlators.noise_factor(),
-        np.zeros((0, N_TABLE)),
+        observation_table(coherent, step_s, k, chip_m, kinds, correlators).copy(),
     )
-    return channels._replace(table=observation_table(channels, correlators))
 
 
-def observation_table(channels: ChannelConstants, correlators: Correlators) -> Float64:
-    """Return the table of slopes and variances, (levels, 7); C/N0 from -10 to 70 dBHz.
+@lru_cache(maxsize=8)
+def observation_table(
+    coherent: bool,
+    step_s: float,
+    radians_per_m: float,
+    chip_m: float,
+    kinds: tuple[int, int, int],
+    correlators: Correlators,
+) -> Float64:
+    """Return the table of slopes and variances, (levels, 7); C/N0 from -10 to 70 dBHz. Copy it to change it.
 
     Equation: y = u / (slope k), variance var(u) / (slope k)^2; k [rad/m] of the phase and the frequency, 1 / chip of
     the delay
     """
-    step, k = channels.step_s, channels.radians_per_m
+    step, k = step_s, radians_per_m
     cn0 = LEAST_DBHZ + DB_STEP * np.arange(_levels())
     a = np.array([signal_ratio(x, step) for x in cn0])
     table = np.zeros((len(a), N_TABLE))
     table[:, RATIO] = a
-    delay = DelayDiscriminator(DELAY_KINDS[channels.kinds[2]], correlators)
-    delay_slope = np.array([delay.slope(x) for x in a]) / channels.chip_m
+    delay = DelayDiscriminator(DELAY_KINDS[kinds[2]], correlators)
+    delay_slope = np.array([delay.slope(x) for x in a]) / chip_m
     delay_variance = np.array([float(delay.variance(0.0, x)) for x in a])
-    if channels.coherent:
+    if coherent:
         table[:, CODE_BY_OUTPUT], table[:, CODE_VARIANCE] = 1.0 / delay_slope, delay_variance / delay_slope**2
-        phase = PhaseDiscriminator(PHASE_KINDS[channels.kinds[0]])
+        phase = PhaseDiscriminator(PHASE_KINDS[kinds[0]])
         slope = -k * np.array([phase.slope(x) for x in a])
         variance = np.array([float(phase.variance(0.0, x)) for x in a])
     else:
         slope, variance = delay_slope, delay_variance
-        frequency = FrequencyDiscriminator(FREQUENCY_KINDS[channels.kinds[1]], 0.5 * step)
+        frequency = FrequencyDiscriminator(FREQUENCY_KINDS[kinds[1]], 0.5 * step)
         # the kernel's angles are not divided by the time between both halves
-        scale = 1.0 if FREQUENCY_KINDS[channels.kinds[1]] == "cross" else 0.5 * step
+        scale = 1.0 if FREQUENCY_KINDS[kinds[1]] == "cross" else 0.5 * step
         rate_slope = -k * scale * np.array([frequency.slope(0.5 * x) for x in a])
         rate_variance = scale**2 * np.array([float(frequency.variance(0.0, 0.5 * x)) for x in a])
         table[:, RATE_BY_OUTPUT] = 1.0 / rate_slope

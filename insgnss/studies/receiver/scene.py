@@ -48,6 +48,9 @@ _MAX_DRIFT: Final = (
     1e9  # of an oscillator: a hundred thousand times a crystal without compensation [rad^2/s^3]
 )
 
+_MOST_LAID: Final = 8
+_LAID: dict[str, tuple[Trajectory, float]] = {}  # by the scenario in words
+
 
 @dataclass(frozen=True)
 class StudyScene:
@@ -91,7 +94,7 @@ def scene_of(
     require_imu(imu)
     check_options(options)
     config, name = _motion(scenario)
-    trajectory, whole_s = trajectory_of(config, Inputs(), 0)
+    trajectory, whole_s = _laid(config)
     begins_s = _begin_s(config, whole_s, options)
     o, step = with_duration(options, whole_s - begins_s), options.step_s
     interval, fall, average, count = integrations(o)
@@ -128,6 +131,21 @@ def scene_of(
     return StudyScene(
         name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s, begins_s, fall, o
     )
+
+
+def _laid(config: SimulationConfig) -> tuple[Trajectory, float]:
+    """Return the trajectory and how long it lasts, that of the last few scenarios without laying it again.
+
+    A study asks twice for its own, before and after it knows when its average begins.
+    """
+    told = repr(config)
+    found = _LAID.get(told)
+    if found is None:
+        found = trajectory_of(config, Inputs(), 0)
+        if len(_LAID) >= _MOST_LAID:
+            _LAID.clear()
+        _LAID[told] = found
+    return found
 
 
 def _begin_s(config: SimulationConfig, whole_s: float, o: ReceiverOptions) -> float:
