@@ -14,7 +14,7 @@
 # %% [markdown]
 # # 11 A campaign on Dask
 #
-# **Question.** Over hundreds of simulated flights, do errors and innovations agree with the covariance for every IMU
+# **Question.** Over a hundred simulated flights, do errors and innovations agree with the covariance for every IMU
 # grade, and does the answer depend on how many workers computed it?
 #
 # One flight tells little: its errors are one draw. A campaign is a grid of cases times seeds. A case function takes a
@@ -42,7 +42,7 @@ from insgnss.studies.campaign.cases import matched
 from insgnss.studies.campaign.scaling import Costs, scaling_table
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
-SEEDS = 40
+SEEDS = 20
 keeper = tempfile.TemporaryDirectory()
 folder = Path(keeper.name)
 
@@ -104,7 +104,7 @@ print(f"the bytes of all {len(by_two)} files are those that two workers wrote: {
 # ## What came out
 #
 # `summary` sums the files up piece by piece, however many there are; `data_set` opens them as one data set to be
-# queried. The bounds hold 99.9 % of the means of chi-square numbers over 40 independent flights.
+# queried. The bounds hold 99.9 % of the means of chi-square numbers over 20 independent flights.
 
 # %%
 BY = ("case_imu", "case_noise_factor")
