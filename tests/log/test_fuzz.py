@@ -86,7 +86,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz") / "file"
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(damages=DAMAGES)
 def test_inertial_log(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(IMU_TEXT, damages))
@@ -98,7 +98,7 @@ def test_inertial_log(path: Path, damages: list[tuple[str, float, bytes]]) -> No
     assert np.isfinite(table.w_ib_b).all() and np.isfinite(table.f_b).all()
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(damages=DAMAGES)
 def test_inertial_log_with_unix_time(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     text = "\n".join("1688037" + line[1:] if line[0] == "1" else line for line in IMU_TEXT.splitlines())
@@ -110,7 +110,7 @@ def test_inertial_log_with_unix_time(path: Path, damages: list[tuple[str, float,
     assert (np.diff(table.t_ns) > 0).all() and (table.t_ns >= 0).all()
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(damages=DAMAGES)
 def test_gnss_log(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(GNSS_TEXT, damages))
@@ -125,7 +125,7 @@ def test_gnss_log(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     assert (table.bad_cells < len(table.t_ns)).all()
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(damages=DAMAGES)
 def test_rinex_navigation(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(NAV_TEXT, damages))
@@ -136,7 +136,7 @@ def test_rinex_navigation(path: Path, damages: list[tuple[str, float, bytes]]) -
     assert len(navigation.ephemerides.sv_names) == len(navigation.ephemerides.toe_ns) > 0
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(damages=DAMAGES)
 def test_rinex_observations(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(OBS_TEXT, damages))
@@ -147,7 +147,7 @@ def test_rinex_observations(path: Path, damages: list[tuple[str, float, bytes]])
     assert len(table.t_ns) > 0 and (np.diff(table.t_ns) >= 0).all()
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(damages=DAMAGES)
 def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(GOOD, damages))
@@ -158,7 +158,7 @@ def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> Non
     assert config.gps_week >= 0 and config.imu.files
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(data=st.binary(max_size=200))
 def test_any_bytes(path: Path, data: bytes) -> None:
     path.write_bytes(b"a,b,c\n" + data)
@@ -169,14 +169,14 @@ def test_any_bytes(path: Path, data: bytes) -> None:
     assert np.isfinite(table.columns["a"]).all() and len(table.line) == table.n
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(cells=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50))
 def test_every_float_comes_back_as_written(path: Path, cells: list[float]) -> None:
     path.write_text("a\n" + "".join(f"{cell!r}\n" for cell in cells))
     assert read_csv_table(path, ColumnSelection(numeric=("a",))).columns["a"].tolist() == cells
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     rows=st.lists(
         st.sampled_from(["1,2", "x,2", ",2", "1,2,3", "1", "", "# c", "nan,1", "2,", "5,inf"]), max_size=60

@@ -32,7 +32,7 @@ from tests.log.test_rinex_observations import RINEX_2_MANY
 from tests.log.test_rinex_observations import epoch as rinex_epoch
 from tests.log.test_sbf import bds_nav, gal_nav, gps_nav
 
-EXAMPLES = 150
+EXAMPLES = 75
 RINEX_3 = OBS_HEADER + "".join(rinex_epoch(f"{42 + k}.0000000") for k in range(6))
 TEXTS = {
     "rinex 3": RINEX_3,

@@ -122,7 +122,7 @@ def test_undamaged_small_log_holds_everything(path: Path) -> None:
 
 
 @pytest.mark.real_data
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(start=st.floats(0.0, 1.0), damages=DAMAGES)
 def test_slices_of_the_real_log(
     path: Path, real: Path, start: float, damages: list[tuple[str, float, bytes]]
@@ -133,21 +133,21 @@ def test_slices_of_the_real_log(
     assert_sound(path)
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(damages=DAMAGES)
 def test_damaged_bytes(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(SMALL, damages))
     assert_sound(path)
 
 
-@settings(max_examples=400)
+@settings(max_examples=200)
 @given(frames=st.lists(st.tuples(KINDS, st.binary(max_size=120)), max_size=12))
 def test_any_payload_with_a_right_check_sum(path: Path, frames: list[tuple[int, bytes]]) -> None:
     path.write_bytes(SMALL[: len(SMALL) // 2] + b"".join(frame(*f) for f in frames) + rawx(TOW_S + 100.0))
     assert_sound(path)
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(
     hits=st.lists(
         st.tuples(st.integers(0, 200), st.integers(0, 119), st.integers(0, 255)), min_size=1, max_size=20
@@ -167,7 +167,7 @@ def test_damaged_payloads_with_a_right_check_sum(path: Path, hits: list[tuple[in
     assert_sound(path)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     words=st.lists(st.integers(0, (1 << 32) - 1), max_size=12), gnss=st.integers(0, 7), sig=st.integers(0, 10)
 )
