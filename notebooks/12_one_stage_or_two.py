@@ -77,9 +77,7 @@ with_ins.figure()
 # lock: the replicas of one stage are as steady as the inertial system, so that it stands several dB more.
 
 # %%
-without = receiver_study(
-    variants=("one_stage",), cn0=(40.0, 28.0, 26.0, 24.0), **(common | {"imu": None})
-)
+without = receiver_study(variants=("one_stage",), cn0=(40.0, 28.0, 26.0, 24.0), **(common | {"imu": None}))
 print(without.thresholds.round(1).to_string())
 
 # %% [markdown]

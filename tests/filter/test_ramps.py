@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.filter.diagnosis.ramps import Ramp, ramp_evidence, ramps
+from insgnss.filter.diagnosis.ramps import Ramp, WrittenRows, ramp_evidence, ramps
 from insgnss.filter.diagnosis.witnesses import EpochLog
 from insgnss.filter.output.writing import CARRIER_LEDGER_DTYPE, LEDGER_DTYPE
 from insgnss.filter.parameters import PARAMETERS_DTYPE
@@ -51,8 +51,9 @@ def of_liar(rate_mps: float, noise: float = 1.0) -> tuple[Ramp, float]:
     par["kind"]["gate2"] = 16.0
     moved = np.array([0.3, -0.2, 0.1, 0.4])  # what leaving it out changes of the state
     base, without = (written(np.random.default_rng(5), rate_mps, noise, x) for x in (moved, 0.0 * moved))
-    (found,) = ramps(base, without, (LIAR,), par[0])
-    return found, ramp_evidence(without, LIAR, par[0])
+    rows = WrittenRows(without)
+    (found,) = ramps(WrittenRows(base), rows, (LIAR,), par[0])
+    return found, ramp_evidence(rows, LIAR, par[0])
 
 
 def test_ramp_is_found_with_its_rate_whatever_the_state_was_before() -> None:

@@ -19,7 +19,7 @@ from insgnss.runs.result import Run
 from insgnss.runs.simulate import simulate
 
 TABLES = ("nav", "satellites", "aiding", "aiding_budget", "supervision", "transitions", "search_times")
-DURATION_S = 40.0
+DURATION_S = 20.0
 
 
 def numbers(

@@ -7,6 +7,7 @@ satellites that may run away; with time tags that are off. Its likelihood says h
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
@@ -24,7 +25,7 @@ from insgnss.filter.diagnosis.jumps import (
     largest_jump,
 )
 from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory, in_one_piece
-from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
+from insgnss.filter.diagnosis.ramps import WrittenRows, of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
     EARLIEST_S,
@@ -120,6 +121,7 @@ class Hindsight:
         bank = self.oldest()
         self.before: list[Bank] = []
         self.base: list[EpochLog] = []
+        self.since: dict[int, WrittenRows] = {}  # of the base, what was written after a time
         self.came_through = True
         for stop_ns in [*(t for t in onsets_ns if t > oldest_ns), self.end_ns]:
             written = self.until(bank, stop_ns)
@@ -248,7 +250,7 @@ class Hindsight:
 
     def at(self, t_ns: int) -> Bank | None:
         """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""
-        bank = copy_bank(max((b for b in self.before if _now_ns(b) <= t_ns), key=_now_ns))
+        bank = copy_bank(self.before[bisect_right(self.before, t_ns, key=_now_ns) - 1])
         return None if self.until(bank, t_ns) is None else bank
 
     def plausible(self, bank: Bank, largest: Widths) -> bool:
@@ -287,15 +289,12 @@ class Hindsight:
         most = most_satellites(self.base)
         if not starts or most < 1:
             return
-        heard: dict[tuple[int, ...], tuple[Verdict, list[EpochLog]]] = {}
+        heard: dict[tuple[int, ...], tuple[Verdict, WrittenRows]] = {}
 
         def hear(sets: Iterable[tuple[int, ...]]) -> None:
             for satellites in sets:
-                found = (
-                    None
-                    if satellites in heard or len(satellites) > most
-                    else self.leaving_out(starts[0], satellites)
-                )
+                is_new = satellites not in heard and len(satellites) <= most
+                found = self.leaving_out(starts[0], satellites) if is_new else None
                 if found is not None:
                     heard[satellites] = found
 
@@ -311,17 +310,19 @@ class Hindsight:
         for verdict, _ in heard.values():
             yield verdict
 
-    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[EpochLog]] | None:
+    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, WrittenRows] | None:
         """Return the result without some satellites, their rows charged as those of ramps, and the output written."""
         bank = copy_bank(start)
         written = self.until(bank, self.end_ns, self.stretches_without(satellites))
         if written is None:
             return None
-        since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
-        found = ramps(since, written, satellites, self.parameters[0])
+        rows, since_ns = WrittenRows(written), _now_ns(start)
+        if since_ns not in self.since:
+            self.since[since_ns] = WrittenRows([w for w in self.base if w.t_ns > since_ns])
+        found = ramps(self.since[since_ns], rows, satellites, self.parameters[0])
         total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in found)
         rates = tuple(each.rate_mps for each in found)
-        return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), written
+        return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), rows
 
     def stretches_without(self, satellites: tuple[int, ...]) -> EpochRanges:
         """Return the last minute's rows without those of some satellites."""

@@ -11,6 +11,8 @@ unknowns; noise does not look like a ramp.                                      
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +23,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.update.epoch_update import charge, charge_of_refused
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.status import DRIFTING
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
 _WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range rates wander in a second
@@ -54,8 +56,52 @@ class Ramp(NamedTuple):
     rate_mps: float
 
 
+@dataclass(frozen=True)
+class WrittenRows:
+    """The filter's output of some epochs, the rows of all of them in one: many satellites are looked for in them."""
+
+    written: list[EpochLog]
+
+    @cached_property
+    def epochs(self) -> list[int]:
+        """Return the places of the epochs that have rows."""
+        return [k for k, epoch in enumerate(self.written) if len(epoch.slot)]
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Return the number of each of their rows."""
+        return [len(self.written[k].slot) for k in self.epochs]
+
+    @cached_property
+    def satellite(self) -> Int64:
+        """Return the number of each row's satellite."""
+        return np.asarray(np.concatenate([self.written[k].slot for k in self.epochs]) // N_BANDS)
+
+    @cached_property
+    def G(self) -> Float64:
+        """Return the partials by antenna and clock, (n, 4)."""
+        u_n = np.concatenate([self.written[k].ledger["u_n"] for k in self.epochs])
+        return np.column_stack((-u_n, np.ones(len(u_n))))
+
+    @cached_property
+    def times_s(self) -> tuple[Float64, Float64, Float64]:
+        """Return each row's time, that of the epoch with rows before, and the time from the epoch before."""
+        t_s, since_s = (
+            np.repeat([self.written[k].t_ns / NS_PER_S for k in at], self.sizes)
+            for at in (self.epochs, _before(self.epochs))
+        )
+        return t_s, since_s, np.repeat(_steps_s(self.written)[self.epochs], self.sizes)
+
+    @cached_property
+    def kinds(self) -> list[KindColumns]:
+        """Return the output of the rows of each kind."""
+        n_kinds = N_KINDS if len(self.written[-1].carrier) else CARRIER
+        rows = ([self.written[k].of_kind(kind) for k in self.epochs] for kind in range(n_kinds))
+        return [KindColumns(*map(np.concatenate, zip(*each, strict=True))) for each in rows]
+
+
 def ramps(
-    base: list[EpochLog], without: list[EpochLog], satellites: tuple[int, ...], par: Parameters
+    base: WrittenRows, without: WrittenRows, satellites: tuple[int, ...], par: Parameters
 ) -> tuple[Ramp, ...]:
     """Return the ramp of each of ``satellites``.
 
@@ -63,10 +109,12 @@ def ramps(
     ----------
     base, without : what the filter wrote of the same epochs with them and without them
     """
-    return tuple(_ramp(_shown(base, without, satellites, each, par), base, par) for each in satellites)
+    return tuple(
+        _ramp(_shown(base, without, satellites, each, par), base.written, par) for each in satellites
+    )
 
 
-def ramp_evidence(written: list[EpochLog], satellite: int, par: Parameters) -> float:
+def ramp_evidence(written: WrittenRows, satellite: int, par: Parameters) -> float:
     """Return how much better a satellite's rows fit a ramp than none, from the filter's output."""
     shown = _shown(written, written, (), satellite, par)
     if not shown:
@@ -169,8 +217,8 @@ def _response(shown: _SatelliteInnovations, onset_s: Float64, carrier_too: bool)
 
 
 def _shown(
-    base: list[EpochLog],
-    without: list[EpochLog],
+    base: WrittenRows,
+    without: WrittenRows,
     satellites: tuple[int, ...],
     satellite: int,
     par: Parameters,
@@ -180,25 +228,16 @@ def _shown(
     Equation: y' = y + g dx, dx the least-squares change of antenna and clock that the other rows' innovations show
     Neglects: that a constellation's own clock offset may have changed, too.
     """
-    epochs = [k for k, epoch in enumerate(base) if len(epoch.slot)]
-    sizes = [len(base[k].slot) for k in epochs]
-    t_s, since_s = (
-        np.repeat([base[k].t_ns / NS_PER_S for k in at], sizes) for at in (epochs, _before(epochs))
-    )
-    satellite_of = np.concatenate([base[k].slot for k in epochs]) // N_BANDS
-    u_n = np.concatenate([base[k].ledger["u_n"] for k in epochs])
-    G = np.column_stack((-u_n, np.ones(len(u_n))))
-    step_s = np.repeat(_steps_s(base)[epochs], sizes)
+    t_s, since_s, step_s = base.times_s
     shown = []
-    for kind in range(N_KINDS if len(base[-1].carrier) else CARRIER):
-        before = KindColumns(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in epochs), strict=True)))
-        after = np.concatenate([without[k].of_kind(kind).innovation for k in epochs])
-        own = (satellite_of == satellite) & np.any(used_and_refused(before.status), axis=0)
+    for kind, before in enumerate(base.kinds):
+        own = (base.satellite == satellite) & np.any(used_and_refused(before.status), axis=0)
         if not own.any():
             continue
-        moved = after - before.innovation
-        dx = _common_change(G, np.where(np.isin(satellite_of, satellites), np.nan, moved), sizes)
-        y = before.innovation + np.sum(G * np.repeat(dx, sizes, axis=0), axis=1)
+        moved = without.kinds[kind].innovation - before.innovation
+        others = np.where(np.isin(base.satellite, satellites), np.nan, moved)
+        dx = _common_change(base.G, others, base.sizes)
+        y = before.innovation + np.sum(base.G * np.repeat(dx, base.sizes, axis=0), axis=1)
         S, spread = before.variance.astype(float), _spreads(par, kind, step_s)
         columns = (t_s, since_s, y, S, _own_noise(before), spread)
         shown.append(_SatelliteInnovations(kind, *(column[own] for column in columns)))
