@@ -41,7 +41,7 @@ from insgnss.geodesy.rotations import (
     rotation_matrix,
     rotation_vector,
 )
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _WIDE: Final = 1.2  # sigmas of a window
 _MEANS: Final = ("noise_factor", "weak_shown", "weak_rows", "motion_response", "f_mean")
@@ -160,12 +160,17 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
             for k in np.flatnonzero(weight > drop)
         ]
     kept = np.flatnonzero(sigma <= _WIDE * 0.5 * spacing)
-    found = select_members(bank, np.array([*kept, *(part.member for part in made)], np.int64))
+    members = np.array([*kept, *(part.member for part in made)], np.int64)
+    # without what they remember of satellites, the most of a member: the few that stay have it from where they came
+    found = select_members(bank._replace(seen=bank.seen[:, :0], memory=bank.memory[:, :0]), members)
     found.state["log_weight"][: len(kept)] = bank.state["log_weight"][kept]
     for at, part in enumerate(made, start=len(kept)):
         found.state[at].log_weight = part.log_weight
         turn_member(found.state[at], found.P[at], part.turn, part.sigma, lever_b, layout)
-    return _merged_by_window(found, len(kept), [part.window for part in made], layout)
+    stay = _merged_by_window(found, len(kept), [part.window for part in made], layout)
+    return select_members(found, stay)._replace(
+        seen=bank.seen[members[stay]], memory=bank.memory[members[stay]]
+    )
 
 
 class _WindowShare(NamedTuple):
@@ -178,8 +183,8 @@ class _WindowShare(NamedTuple):
     log_weight: float
 
 
-def _merged_by_window(bank: Bank, n_kept: int, window: list[int], layout: Layout) -> Bank:
-    """Return the bank with the members from ``n_kept`` on merged where they have the same window."""
+def _merged_by_window(bank: Bank, n_kept: int, window: list[int], layout: Layout) -> Int64:
+    """Merge the members from ``n_kept`` on that have the same window; return those that stay."""
     first: dict[int, int] = {}
     keep = list(range(n_kept))
     for i, k in sorted(enumerate(window, start=n_kept), key=lambda pair: -bank.state[pair[0]].log_weight):
@@ -188,7 +193,7 @@ def _merged_by_window(bank: Bank, n_kept: int, window: list[int], layout: Layout
         else:
             first[k] = i
             keep.append(i)
-    return select_members(bank, np.array(sorted(keep), np.int64))
+    return np.array(sorted(keep), np.int64)
 
 
 def turn_member(
