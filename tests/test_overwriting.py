@@ -95,3 +95,38 @@ def test_damaged_and_missing_runs_end_with_the_code_of_a_result(tmp_path: Path, 
     (run / "nav.parquet").write_bytes(b"PAR1 and nothing else")
     code, told = ended(command, run, *([run] if command == "compare" else []))
     assert code == 5 and "nav.parquet" in told and "Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("receiver",),
+        ("simulate", "at_rest"),
+        ("iq", "at_rest"),
+        ("margin",),
+        ("outage", SAMPLE / "flight.toml", "--every", 60),
+        ("replay", SAMPLE / "flight.toml"),
+        ("smooth", SAMPLE / "flight.toml"),
+        ("point", SAMPLE / "flight.toml"),
+        ("allan", SAMPLE / "imu.csv.gz"),
+        ("visibility", "no_run", "--flight", SAMPLE / "flight.toml"),
+        ("consistency", "no_run"),
+        ("convert", "no_log.ubx"),
+        ("models", "imus", "tactical"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_place_that_cannot_be_written_stops_a_command_before_it_begins(
+    tmp_path: Path, command: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_work(*_: object, **__: object) -> None:
+        raise AssertionError("the command began its work")
+
+    for work in ("studies.receiver.comparison.receiver_study", "runs.simulate.simulate"):
+        monkeypatch.setattr(f"insgnss.{work}", no_work)
+    for work in ("replay", "smooth"):
+        monkeypatch.setattr(f"insgnss.cli.{work}.run_replay", no_work)
+    (tmp_path / "file").write_text("mine")
+    code, told = ended(*command, "--output", tmp_path / "file" / "study")
+    assert code == 5 and "is not a folder" in told and "--output" in told
+    assert (tmp_path / "file").read_text() == "mine"

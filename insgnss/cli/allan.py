@@ -49,7 +49,7 @@ def allan(
 ) -> None:
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [log]):
+    with own_errors_told(), overwriting(force, [log], output):
         from insgnss.config.library import imu_grade
         from insgnss.runs.allan import allan_study
 

@@ -45,7 +45,7 @@ def consistency(
 ) -> None:
     """Test innovations, errors and sigmas of a run against each other, and state the result in words."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(run)):
+    with own_errors_told(), overwriting(force, run_files(run), output):
         from insgnss.studies.consistency.study import consistency_study
 
         with telling("studying the run"):

@@ -68,7 +68,7 @@ def convert(
     from insgnss.log.convert import convert as convert_files
     from insgnss.log.declared import LogDeclarations
 
-    with own_errors_told(), overwriting(force, inputs):
+    with own_errors_told(), overwriting(force, inputs, output):
         declared = LogDeclarations(
             None if date is None else date.date(), _scales(imu_scale), _topics(topic or [])
         )

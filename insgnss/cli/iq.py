@@ -50,7 +50,8 @@ def iq(
 ) -> None:
     """Make GPS L1 C/A samples of a flight; acquire, track and navigate with them, with and without aiding."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [Path(scenario)]):
+    place = output if record is None else record.parent
+    with own_errors_told(), overwriting(force, [Path(scenario)], place):
         # the numerical libraries are loaded only when the command runs
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml

@@ -115,7 +115,7 @@ def margin(
 ) -> None:
     """Report the J/S that a phase loop withstands, and where along a run it loses lock."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, _inputs(run, emitters)):
+    with own_errors_told(), overwriting(force, _inputs(run, emitters), output):
         form = table_form(format)
         if run is None:
             refuse_given(context, ("step",), "without a run")

@@ -11,6 +11,7 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.errors import ConfigError, ResultError
+from insgnss.results.saving import check_writable
 
 # how a model is named where it is used; {file} is the path of a copy, {name} its name
 _USE: Final = {
@@ -83,11 +84,7 @@ def _copied(source: Path, output: Path) -> Path:
     """Copy a model's file to a file, or under its own name into a folder; return where it is now."""
     # a folder that is there, or a name without the ending of a file
     path = output / source.name if output.is_dir() or output.suffix != source.suffix else output
-    there = next(parent for parent in path.parents if parent.exists())
-    if not there.is_dir():
-        raise ResultError(
-            f"'{there}' is a file, so no file can be inside it", file=path, advice="give another --output"
-        )
+    check_writable(path.parent)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as copy:

@@ -78,7 +78,7 @@ def outage(
 ) -> None:
     """Remove measurements in windows, replay, and report drift, predicted sigma and recovery time."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [flight]):
+    with own_errors_told(), overwriting(force, [flight], output):
         windows = _windows(window, every, random, bank, length, seed)
         if random is None and every is None:
             refuse_given(context, ("length", "seed"), "without --every or --random")

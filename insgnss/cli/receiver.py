@@ -112,7 +112,7 @@ def receiver(
 ) -> None:
     """Fly receivers through a manoeuvre in closed loops; report errors, thresholds and loss of lock."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, []):
+    with own_errors_told(), overwriting(force, [], output):
         if emitters is not None:
             refuse_given(context, ("cn0",), "with --emitters: they determine the C/N0")
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)

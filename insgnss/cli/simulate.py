@@ -31,7 +31,7 @@ def simulate(
 ) -> None:
     """Simulate a flight: IMU and GNSS CSV, RINEX navigation, the true trajectory and a flight file to replay them."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [Path(scenario)]):
+    with own_errors_told(), overwriting(force, [Path(scenario)], output):
         # NumPy and SciPy are loaded only when there is something to simulate
         from insgnss.runs.simulate import simulate as simulated
 

@@ -57,7 +57,7 @@ def visibility(
 ) -> None:
     """Report which satellites antennas and airframe hid, when, and the loss of geometry."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(source)):
+    with own_errors_told(), overwriting(force, run_files(source), output):
         form = table_form(format)
         if not step >= 0.0:
             raise ConfigError(f"invalid step {step}", key="--step", advice="give seconds, 0 for every row")

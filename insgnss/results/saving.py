@@ -61,8 +61,17 @@ _open_saves: Final = ContextVar("open_saves", default=_NO_SAVES)
 
 
 @contextmanager
-def overwriting(force: bool = True, inputs: Iterable[Path] = ()) -> Iterator[None]:
-    """Let the saves of this block replace files of other programs, except ``inputs``, which are never replaced."""
+def overwriting(
+    force: bool = True, inputs: Iterable[Path] = (), output: Path | None = None
+) -> Iterator[None]:
+    """Let the saves of this block replace files of other programs, except ``inputs``, which are never replaced.
+
+    Raises
+    ------
+    ResultError : nothing can be written into the folder ``output``; commands name it before they begin to work
+    """
+    if output is not None:
+        check_writable(output)
     before = _permission.get()
     read = before.inputs | {os.path.realpath(path) for path in inputs}
     token = _permission.set(_Permission(force or before.force, read))
@@ -153,14 +162,32 @@ def write_file(path: Path, content: bytes, kind: str) -> None:
         place.write_bytes(content)
 
 
+def check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written; commands ask before they begin to work. Nothing is made.
+
+    Raises
+    ------
+    ResultError : a file is in its way, or the system lets this user write nothing there
+    """
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    why = ""
+    if not there.is_dir():
+        why = f"'{there}' is not a folder, so no file can be inside it"
+    elif not os.access(there, os.W_OK | os.X_OK):
+        why = f"the system does not let you write into '{there}'"
+    if why:
+        raise ResultError(why, file=folder, advice="give another --output")
+
+
 def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:
     """Refuse names in a folder at which somebody else's file stands; commands ask before they begin to work.
 
     Raises
     ------
     ResultError : there is a file that this program did not write, or wrote as something else, that was changed
-        since, or that is an input
+        since, or that is an input; or nothing can be written there
     """
+    check_writable(folder)
     settle(folder)
     permission = _permission.get()
     known: _Entries | None = None
