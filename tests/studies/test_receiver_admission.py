@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.errors import ConfigError
 from insgnss.studies import RECEIVERS, ReceiverOptions, receiver_study
+from insgnss.studies.campaign.study import CampaignConfig, run_campaign
 from insgnss.studies.receiver.comparison import ReceiverStudy
 
 NAN = math.nan
@@ -46,6 +48,7 @@ def flown(changed: dict[str, Any] | None = None, **asked: Any) -> ReceiverStudy:
         ("cn0", {"cn0": True}),
         ("antennas", {"antennas": ()}),
         ("options", {"options": None}),
+        ("report", {"report": 5}),
     ],
 )
 def test_call_that_makes_no_sense_is_refused_by_its_key(key: str, asked: dict[str, Any]) -> None:
@@ -172,12 +175,26 @@ def test_pilot_is_integrated_beyond_a_symbol() -> None:
         ({"imu_gaps_s": ((1.0, 2.0),)}, {"variants": ("scalar",)}),
         ({"phase_kind": "atan"}, {"tracking": "noncoherent"}),
         ({"spacing_chips": 0.5}, {"variants": ("one_stage", "two_stage")}),
+        ({"interval_s": 0.2}, {"variants": ("scalar", "one_stage")}),
     ],
 )
 def test_option_that_no_receiver_uses_is_refused(options: dict[str, Any], asked: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match=r"no inertial system|no receiver (tracks|uses)") as error:
+    with pytest.raises(ConfigError, match=r"no inertial system|no receiver (tracks|uses|has)") as error:
         flown(options, **asked)
     assert error.value.key == next(iter(options)) and error.value.advice
+
+
+def test_option_that_no_case_of_a_campaign_uses_is_refused_before_it_runs(tmp_path: Path) -> None:
+    """A scalar receiver has no second stage; beside one that has, an interval is part of the comparison."""
+    grid = {"variant": ("scalar", "one_stage"), "cn0_dbhz": (5.0,)}
+    fixed = {"interval_s": 0.2, "duration_s": 4.0, "settle_s": 1.0, "average_s": 1.0}
+    asked = {"name": "few", "case": "receiver", "seeds": 1, "fixed": fixed}
+    with pytest.raises(ConfigError, match="second stage") as error:
+        run_campaign(CampaignConfig(**asked, grid=grid), tmp_path / "one", workers=0)
+    assert error.value.key == "interval_s" and not (tmp_path / "one").exists()
+
+    both = CampaignConfig(**asked, grid={**grid, "variant": ("scalar", "optimal")})
+    assert run_campaign(both, tmp_path / "two", workers=0).n_failed == 0
 
 
 def test_cn0_beside_emitters_is_refused_by_the_command() -> None:

@@ -12,7 +12,7 @@ The seed alone makes the random numbers: the same (case, seed) gives the same ro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any, Final
 
@@ -26,12 +26,26 @@ from insgnss.studies.masking.cases import CaseResult, fly
 from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_flight
 from insgnss.studies.outage.study import Periodic, outage_study
 from insgnss.studies.outage.windows import Removal
+from insgnss.studies.receiver.admission import unused_options
 from insgnss.studies.receiver.comparison import case_flight, receiver_row
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight
 from insgnss.studies.receiver.options import ReceiverOptions
+from insgnss.studies.receiver.variants import VARIANTS
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
+_RECEIVER: Final[Mapping[str, Any]] = {
+    "scenario": "manoeuvring_5g",
+    "variant": "one_stage",
+    "tracking": "coherent",
+    "imu": "industrial",
+    "oscillator": "tcxo",
+    "cn0_dbhz": 40.0,
+    "emitters": "",
+}
+_RECEIVER_OPTIONS: Final[Mapping[str, Any]] = {
+    name: value for name, value in ReceiverOptions().told().items() if not isinstance(value, tuple)
+}
 
 
 def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
@@ -109,22 +123,34 @@ def masking(case: Mapping[str, Any], seed: int) -> list[Row]:
     return [_of_way(flight, result) for result in fly(flight, settings, np.random.default_rng([seed]))]
 
 
+def require_used(case_name: str, cases: Iterable[Mapping[str, Any]]) -> None:
+    """Refuse options of receivers that no case of a campaign uses; a case whose values make no sense says so itself.
+
+    Raises
+    ------
+    ConfigError : there is one
+    """
+    unused: dict[str, ConfigError] = {}
+    used: set[str] = set()
+    for case in cases if case_name == "receiver" else ():
+        given = {name: case[name] for name in _RECEIVER_OPTIONS if name in case}
+        asked = {**_RECEIVER, **case}
+        variant = VARIANTS.get(str(asked["variant"]))
+        if variant is not None:
+            tracking, with_ins = str(asked["tracking"]), bool(asked["imu"])
+            options = ReceiverOptions(**given)
+            found = unused_options(options, {"receiver": variant}, tracking, with_ins=with_ins)
+            unused |= found
+            used |= set(given) - set(found)
+    for key, error in unused.items():
+        if key not in used:
+            raise error
+
+
 def receiver(case: Mapping[str, Any], seed: int) -> list[Row]:
     """Return one run of a receiver of the laboratory in closed loops: one row."""
-    known: dict[str, Any] = {
-        "scenario": "manoeuvring_5g",
-        "variant": "one_stage",
-        "tracking": "coherent",
-        "imu": "industrial",
-        "oscillator": "tcxo",
-        "cn0_dbhz": 40.0,
-        "emitters": "",
-    }
-    options = {
-        name: value for name, value in ReceiverOptions().told().items() if not isinstance(value, tuple)
-    }
-    asked = _asked(case, known | options)
-    changed = tuple((name, case[name]) for name in options if name in case)
+    asked = _asked(case, {**_RECEIVER, **_RECEIVER_OPTIONS})
+    changed = tuple((name, case[name]) for name in _RECEIVER_OPTIONS if name in case)
     names = tuple(str(asked[key]) for key in ("scenario", "tracking", "imu", "variant", "emitters"))
     flight = _receiver_flight(names, asked["oscillator"], float(asked["cn0_dbhz"]), changed)
     return [receiver_row(flight, str(asked["variant"]), seed)]

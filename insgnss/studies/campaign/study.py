@@ -36,6 +36,7 @@ from insgnss.errors import ConfigError, ResultError
 from insgnss.results.saving import write_file
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.campaign import cluster
+from insgnss.studies.campaign.cases import require_used
 from insgnss.studies.campaign.processes import on_processes
 from insgnss.studies.campaign.tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
 
@@ -208,10 +209,12 @@ def run_campaign(
 
     Raises
     ------
-    ConfigError, ResultError : as ``load_campaign`` and ``prepare``; ResultError too where a scheduler is given and
+    ConfigError, ResultError : as ``load_campaign`` and ``prepare``; ConfigError too where receivers have an option
+        that no case uses, ResultError where a scheduler is given and
         Dask is not installed
     """
     config = config if isinstance(config, CampaignConfig) else load_campaign(config)
+    require_used(config.case, config.cases())
     path, left = prepare(config, folder, retry_failed=retry_failed)
     n_tasks = len(tasks_of(config, path))
     tell = report or (lambda *_: None)

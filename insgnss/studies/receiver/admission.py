@@ -289,30 +289,40 @@ def require_slow_oscillator(drift_density: float, channels: ChannelConstants) ->
         )
 
 
-def require_used(o: ReceiverOptions, wanted: Mapping[str, Variant], tracking: str, *, with_ins: bool) -> None:
-    """Refuse options that no receiver of the study uses.
+def unused_options(
+    o: ReceiverOptions, wanted: Mapping[str, Variant], tracking: str, *, with_ins: bool
+) -> dict[str, ConfigError]:
+    """Return by its key the error of each option that is set and that no receiver uses.
 
-    Raises
-    ------
-    ConfigError : settings of an inertial system where no receiver has one, a phase discriminator where no phase is
-        tracked, a spacing or a divergence of phase and code where no code is
+    These are settings of an inertial system where no receiver has one, a phase discriminator where no phase is tracked,
+    a spacing or a divergence of phase and code where no code is, and an interval where no receiver has a second stage.
     """
     usual, receivers = ReceiverOptions(), wanted.values()
     coherent, with_code = tracking == "coherent", any(variant.with_code for variant in receivers)
     with_ins = with_ins and any(variant.has_filter for variant in receivers)
     no_ins = (with_ins, "the receivers have no inertial system", "give an inertial system")
     add_code = 'add "one_stage_code" to the receivers'
+    # an interval must be a whole number of integrations, used or not
+    intervals = usual.interval_s / o.step_s
+    needs_interval = (
+        any(variant.needs_ins for variant in receivers) or abs(intervals - round(intervals)) > 1e-6
+    )
     needed = {
         **dict.fromkeys(("latency_s", "imu_gaps_s", "imu_rate_hz"), no_ins),
+        "interval_s": (needs_interval, "no receiver has a second stage", 'add "optimal" to the receivers'),
         "phase_kind": (coherent, "no receiver tracks the phase", 'give tracking = "coherent"'),
         "spacing_chips": (with_code or not coherent, "no receiver uses the code", add_code),
         "divergence_density": (with_code, "no receiver compares phase with code", add_code),
     }
-    for key, (is_used, lacking, cure) in needed.items():
-        value: Any = getattr(o, key)
-        is_set = len(value) > 0 if key == "imu_gaps_s" else value != getattr(usual, key)
-        if is_set and not is_used:
-            raise ConfigError(lacking, key=key, advice=f"{cure}, or leave out {key}")
+    return {
+        key: ConfigError(lacking, key=key, advice=f"{cure}, or leave out {key}")
+        for key, (is_used, lacking, cure) in needed.items()
+        if not is_used and _is_set(getattr(o, key), getattr(usual, key))
+    }
+
+
+def _is_set(value: Any, usual: Any) -> bool:
+    return len(value) > 0 if isinstance(usual, tuple) else value != usual
 
 
 def require_answers(setting: Setting, wanted: Mapping[str, Variant], cn0: Mapping[float, Float64]) -> None:

@@ -53,7 +53,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
-from insgnss.studies.receiver.admission import checked_call, require_used, wanted_variants
+from insgnss.studies.receiver.admission import checked_call, unused_options, wanted_variants
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
 from insgnss.studies.receiver.jammed_sky import emitters_of
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
@@ -165,10 +165,14 @@ def receiver_study(
     wanted = wanted_variants(variants)
     levels = checked_call(cn0, {"runs": runs, "threads": threads}, wanted, with_ins=imu is not None)
     require_seed(seed)
+    if report is not None and not callable(report):
+        advice = "give a function of the numbers of cases done and in total, or None"
+        raise ConfigError(f"{report!r} is not a function", key="report", advice=advice)
     _check_code(wanted, tracking)
     asked = FlightRequest(scenario, tracking, imu, oscillator, options, emitters, antennas)
     flight = receiver_flight(asked, wanted, levels, threads)
-    require_used(asked.options, wanted, tracking, with_ins=asked.imu is not None)
+    for error in unused_options(asked.options, wanted, tracking, with_ins=asked.imu is not None).values():
+        raise error
     scene, profiles = flight.scene, flight.profiles
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
