@@ -269,6 +269,17 @@ BAD_KINDS = {
     "a gate of zero": (giving((), gate_sigma=0.0), "gate_sigma"),
 }
 
+WRONG_TYPES = {"watched": "yes", "carrying": 1, "together": "no", "unit": 3, "hint": None, "unlikely": 0.5}
+
+
+@pytest.mark.parametrize("key", WRONG_TYPES)
+def test_setting_of_a_measurement_of_another_type_is_refused_by_its_name(key: str) -> None:
+    with pytest.raises(
+        MeasurementError, match=f"^{key} of measurement 'mine' is {WRONG_TYPES[key]!r}"
+    ) as raised:
+        own_measurements([giving((), **{key: WRONG_TYPES[key]})])
+    assert raised.value.advice.startswith("give ")
+
 
 @pytest.mark.parametrize("case", BAD_KINDS)
 def test_impossible_name_times_or_gate_is_refused_with_advice(case: str) -> None:

@@ -172,8 +172,8 @@ def own_measurements(
     Raises
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands beside ``period_ns``; more than 8
-        kinds are watched, or more than 8 carry; not a list
+        positive; a setting is not of its type; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands
+        beside ``period_ns``; more than 8 kinds are watched, or more than 8 carry; not a list
     """
     given: Any = measurements
     if not isinstance(given, Sequence):
@@ -227,8 +227,9 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         )
     if name in BUILT_IN:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
-    unit, hint = (str(getattr(source, key, "")) for key in ("unit", "hint"))
-    together = bool(getattr(source, "together", False))
+    _check_settings(name, source)
+    unit, hint = (getattr(source, key, "") for key in ("unit", "hint"))
+    together = getattr(source, "together", False)
     period_ns = _checked_period(name, source)
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
     unlikely = getattr(source, "unlikely", None)
@@ -236,6 +237,28 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
     return Kind(
         source, name, times_ns, gate2, unit, period_ns, unlikely=unlikely, together=together, hint=hint
     )
+
+
+def _check_settings(name: str, source: Measurement) -> None:
+    """Refuse a setting of a measurement that is not of its type."""
+    wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
+        **dict.fromkeys(("watched", "carrying", "together"), (_is_truth_value, "True or False")),
+        **dict.fromkeys(("unit", "hint"), (_is_text, "a text")),
+        "unlikely": (callable, "a function of the state"),
+    }
+    for key, (fits, what) in wanted.items():
+        if hasattr(source, key) and not fits(getattr(source, key)):
+            raise MeasurementError(
+                f"{key} of measurement '{name}' is {getattr(source, key)!r}", advice=f"give {what}"
+            )
+
+
+def _is_truth_value(value: Any) -> bool:
+    return isinstance(value, bool | np.bool_)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
 
 
 def _checked_period(name: str, source: Measurement) -> int:
