@@ -297,31 +297,62 @@ def reading(folder: Path) -> Iterator[None]:
 
     Raises
     ------
-    ResultError : an interrupted save cannot be finished
+    ResultError : an interrupted save cannot be finished, or the folder's record is damaged
     OSError : the folder cannot be read
     """
     while True:
         settle(folder)
         with _locked(folder, shared=True):
             if not (folder / _PENDING).is_dir():
+                _require_sound_record(folder / RECORD)
                 yield
                 return
 
 
-def first_changed(folder: Path, names: Iterable[str]) -> Path | None:
-    """Return the first of these files that is not the one that was saved here, None where all are.
+def _require_sound_record(path: Path) -> None:
+    """Refuse a record that does not state the kind and the hash of each of its files: nothing could be compared.
 
-    A file that is missing, or of which the folder's record states no hash, is not compared.
+    Raises
+    ------
+    ResultError : it was cut or changed
+    OSError : it cannot be read
+    """
+    if not path.exists():
+        return
+    why = "it is not a table of files"
+    try:
+        record: Any = json.loads(path.read_text(encoding="utf-8"))
+        entries = record.items() if isinstance(record, dict) else [("", None)]
+    except (ValueError, RecursionError) as error:
+        why, entries = str(error), [("", None)]
+    for name, entry in entries:
+        stated = entry if isinstance(entry, dict) else {}
+        if not all(isinstance(stated.get(key), str) for key in ("kind", "sha256")):
+            reason = f"the entry of '{name}' lacks its kind or hash" if name else why
+            advice = (
+                "copy the whole folder again, or write its results again into a new folder; to use its files"
+            )
+            raise ResultError(
+                f"the record of the files in this folder is damaged: {reason}",
+                file=path,
+                advice=f"{advice} without comparing them with what was saved, remove this record",
+            )
+
+
+def first_changed(folder: Path, names: Iterable[str], kind: str) -> Path | None:
+    """Return the first of these files that is not the one that was saved here as ``kind``, None where all are.
+
+    A file that is missing is not compared, and none where the folder's record has no file of this kind.
 
     Raises
     ------
     OSError : a file cannot be read
     """
     entries = _entries(folder)
-    for name in names:
-        digest = entries.get(name, {}).get("sha256")
-        if digest is not None and (folder / name).is_file() and digest != file_digest(folder / name):
-            return folder / name
+    for name in names if saved_as(kind, folder) else ():
+        path, stated = folder / name, entries.get(name, {}).get("sha256")
+        if path.is_file() and stated != file_digest(path):
+            return path
     return None
 
 

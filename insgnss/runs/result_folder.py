@@ -125,8 +125,10 @@ def _require_one_run(folder: Path, tables: Sequence[str]) -> None:
     ------
     ResultError : a table or the settings are of another run, or were changed
     """
-    read = (_file_of(folder, name).name for name in tables)
-    if (other := first_changed(folder, (*read, COLUMN_TYPES, SETTINGS))) is not None:
+    read = [_file_of(folder, name).name for name in tables]
+    if any(name.endswith(".csv") and (folder / name).exists() for name in read):
+        read.append(COLUMN_TYPES)
+    if (other := first_changed(folder, (*read, SETTINGS), RUN_KIND)) is not None:
         raise ResultError(
             "the file is not the one that was saved with this run: it is of another run, or was changed since",
             file=other,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -39,6 +40,40 @@ def test_table_that_was_removed_on_purpose_leaves_the_record_too(tmp_path: Path)
     (folder / RECORD).write_text(json.dumps(record), encoding="utf-8")
 
     assert Run.load(folder).errors is None
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[: len(text) // 2],
+        lambda _: "",
+        lambda _: "[]",
+        lambda text: json.dumps({name: {"kind": entry["kind"]} for name, entry in json.loads(text).items()}),
+        lambda text: json.dumps(dict.fromkeys(json.loads(text), "run")),
+    ],
+    ids=["cut", "empty", "list", "no hashes", "no entries"],
+)
+def test_record_that_was_cut_is_refused_and_not_taken_for_that_of_a_run_without_one(
+    tmp_path: Path, damage: Callable[[str], str]
+) -> None:
+    folder = small_run().save(tmp_path / "run")
+    record = folder / RECORD
+    record.write_text(damage(record.read_text(encoding="utf-8")), encoding="utf-8")
+
+    with pytest.raises(ResultError, match="record of the files in this folder is damaged") as refused:
+        Run.load(folder)
+
+    assert refused.value.file == str(record) and "copy the whole folder again" in refused.value.advice
+
+
+def test_table_without_its_entry_in_the_record_is_not_of_the_run(tmp_path: Path) -> None:
+    folder = small_run().save(tmp_path / "run")
+    record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    del record["nav.parquet"]
+    (folder / RECORD).write_text(json.dumps(record), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=r"nav.parquet: the file is not the one that was saved"):
+        Run.load(folder)
 
 
 @pytest.mark.parametrize("command", ["report", "compare"])
