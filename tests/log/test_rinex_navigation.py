@@ -260,3 +260,37 @@ def test_real_file_of_an_archive_is_read_whole(data_root: Path, name: str, messa
     repeated = sum(int(e.detail.split()[0]) for e in events if e.kind == "navigation_repeated")
     assert len(navigation.ephemerides.sv_names) == messages == len(begins) - repeated
     assert navigation.klobuchar is not None and navigation.leap_seconds == 17
+
+
+def record_4(tag: str) -> str:
+    """Return a record of RINEX 4 that holds eight coefficients of the ionosphere, or what it is told to be."""
+    numbers = [f"{n:19.12E}" for n in (1e-8, 2e-8, -3e-8, -4e-8, 1e5, 2e5, -3e5, -4e5, 0.0)]
+    lines = [
+        "    2023 06 29 00 00 00" + "".join(numbers[:3]),
+        *("    " + "".join(numbers[k : k + 4]) for k in (3, 7)),
+    ]
+    return f"> {tag}\n" + "\n".join(lines) + "\n"
+
+
+HEADER_4 = "\n".join(line for line in HEADER.replace("3.04", "4.01").split("\n") if "GPS" not in line)
+
+
+def test_records_of_a_whole_system_without_a_satellite_are_read_or_told_as_their_kind(tmp_path: Path) -> None:
+    numbers = "".join(f"{n:19.12E}" for n in (259_200.0, 1e-9, 0.0, 0.0))
+    offset = (
+        f"> STO G   LNAV\n    2023 06 29 00 00 00 {'GPUT':<18} {'':<18} {'UTC(USNO)':<18}\n    {numbers}\n"
+    )
+    text = HEADER_4 + "> EPH G05 LNAV\n" + message() + offset + record_4("ION G   LNAV")
+    navigation, events = read_navigation([write(tmp_path, text)])
+
+    assert navigation.klobuchar is not None and navigation.klobuchar[0] == 1e-8
+    assert [event.detail.rpartition(": ")[2] for event in events] == ["1 system_time_offset"]
+
+
+def test_damaged_coefficients_of_one_system_leave_those_of_gps(tmp_path: Path) -> None:
+    damaged = record_4("ION C05 D1D2").replace("2023", "20x3")
+    text = HEADER_4 + record_4("ION G05 LNAV") + damaged + "> EPH G05 LNAV\n" + message()
+    navigation, events = read_navigation([write(tmp_path, text)])
+
+    assert navigation.klobuchar is not None and navigation.klobuchar[4] == 1e5
+    assert [event.kind for event in events] == ["navigation_damaged"]

@@ -143,6 +143,55 @@ def test_rinex_2_codes_become_those_of_rinex_3_and_share_their_bands_doppler(tmp
     assert found["G05", "C2W"][0] == 22e6 + 5 and np.isnan(found["G05", "C2W"][1])
 
 
+def tabbed(text: str) -> str:
+    """Return a text with a tab for the blanks before every eighth column, as an editor saves it; not its first line."""
+    first, *lines = text.split("\n")
+    cut = [[line[k : k + 8] for k in range(0, len(line), 8)] for line in lines]
+    with_tabs = [
+        "".join(f"{part.rstrip()}\t" if part.endswith("  ") else part for part in line[:-1])
+        + "".join(line[-1:])
+        for line in cut
+    ]
+    return "\n".join([first, *with_tabs])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_tabs_of_an_editor_are_read_as_the_blanks_that_they_stand_for(tmp_path: Path, version: int) -> None:
+    text = RINEX_2_MANY if version == 2 else HEADER + epoch() + epoch("43.0000000", shift=100.0)
+    plain, events = read_rinex_obs([write(tmp_path, text)])
+    assert events == [] and "\t" in tabbed(text)
+
+    table, events = read_rinex_obs([write(tmp_path, tabbed(text), "tabs.rnx")])
+
+    assert list(rows(table)) == list(rows(plain))
+    np.testing.assert_array_equal(list(rows(table).values()), list(rows(plain).values()))
+    assert [event.kind for event in events] == ["rinex_tabs"]
+    assert "tabs.rnx:2: tabs in" in events[0].detail
+
+
+def test_tab_that_hides_the_columns_of_a_line_costs_that_line_and_says_so(tmp_path: Path) -> None:
+    text = HEADER + epoch().replace("G05  2", "G05\t2")
+    table, events = read_rinex_obs([write(tmp_path, text)])
+
+    assert set(table.sv_names[s] for s in table.sv) == {"G07", "E11"}
+    assert (
+        len(events) == 1
+        and "log.rnx:7: tabs" in events[0].detail
+        and "refused: line(s) 7" in events[0].detail
+    )
+
+
+def test_surplus_line_of_a_rinex_2_epoch_costs_the_epoch_and_says_how_many_lines_it_needs(
+    tmp_path: Path,
+) -> None:
+    second = RINEX_2[RINEX_2.index(" 23  6 29") :].replace("42.0", "43.0")
+    table, events = read_rinex_obs([write(tmp_path, RINEX_2 + "   1111111.000\n" + second)])
+
+    assert len(np.unique(table.t_ns)) == 1
+    told = "log.rnx:5: the epoch has 4 line(s), 2 satellite(s) of 5 observation(s) need 3; epoch refused"
+    assert [event.detail.endswith(told) for event in events] == [True]
+
+
 def test_damaged_epoch_under_an_impossible_number_of_codes_ends_in_an_error(tmp_path: Path) -> None:
     # the number of lines per satellite follows from it: what walks over them must end with the file
     text = RINEX_2.replace("     5    C1", f"     {2**63 - 1}    C1").replace(

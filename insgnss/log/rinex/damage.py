@@ -7,13 +7,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from insgnss.log.rinex.text import ObservationText, version_of
+from insgnss.log.rinex.text import EPOCH_2, EPOCH_3, LABEL_COLUMN, ObservationText, version_of
+from insgnss.tables import Event
 
 # RINEX 2.11, table A2; RINEX 3.05, table A3: each observation is F14.3, I1, I1
 _CELL: Final = 16
 _NUMBER: Final = 14
 _WRITTEN: Final = re.compile(r" *[-+]?\d*\.\d{3}")
 _NAME: Final = re.compile(r"[A-Z ][ \d]\d")
+_MOST_CELLS_2: Final = 99  # three digits are no list of codes
+_FURTHER_NAMES: Final = re.compile(r" {32}(?:[A-Z ][ \d]\d)+ *")
 _NAMES_2, _NAMES_PER_LINE_2, _CELLS_PER_LINE_2 = 32, 12, 5
 _TYPES_2: Final = re.compile(r"^ *(\d+) .*# / TYPES OF OBSERV", re.MULTILINE)
 
@@ -40,6 +43,45 @@ class ParsedText:
 
     stretches: list[ParsedStretch] = field(default_factory=list)
     refused: list[tuple[int, str]] = field(default_factory=list)
+
+
+def without_tabs(text: str, path: str) -> tuple[str, list[Event]]:
+    """Return an observation text with blanks for its tabs, and an event of it.
+
+    A tab stands for blanks up to the next of every eight columns, as editors write it, or for one blank: for that with
+    which all cells of its line are written as F14.3. A line that is so with neither loses its observations.
+    """
+    if "\t" not in text:
+        return text, []
+    lines = text.split("\n")
+    body = next((k for k, line in enumerate(lines) if "END OF HEADER" in line), len(lines)) + 1
+    with_names = version_of(text) >= 3.0
+    tabbed = [k for k, line in enumerate(lines) if "\t" in line]
+    lost = []
+    for k in tabbed:
+        ways = (lines[k].expandtabs(), lines[k].replace("\t", " "))
+        fitting = (way for way in ways if k < body or _is_in_columns(way, with_names))
+        lines[k] = next(fitting, "")
+        if not lines[k] and ways[1].strip():
+            lines[k] = ways[1][: 3 if with_names else 0]
+            lost.append(str(k + 1))
+    detail = f"{path}:{tabbed[0] + 1}: tabs in {len(tabbed)} line(s) read as blanks"
+    if lost:
+        detail += (
+            f"; the columns of {len(lost)} of them are not clear, their observations are refused: line(s) "
+        )
+        detail += ", ".join(lost[:5]) + (", ..." if lost[5:] else "")
+    return "\n".join(lines), [Event(None, "rinex_tabs", detail)]
+
+
+def _is_in_columns(line: str, with_names: bool) -> bool:
+    """Return whether a line is one of an epoch or a header, or of cells as ``without_damaged_cells`` wants them."""
+    is_epoch = EPOCH_3.match(line) if with_names else (EPOCH_2.match(line) or _FURTHER_NAMES.fullmatch(line))
+    if is_epoch or line[LABEL_COLUMN:].strip()[:1].isalpha():
+        return True
+    starts = range(3 if with_names else 0, len(line), _CELL)
+    cells = [line[start : start + _NUMBER] for start in starts]
+    return all(not cell.strip() or (len(cell) == _NUMBER and _WRITTEN.fullmatch(cell)) for cell in cells)
 
 
 class _CellLine(NamedTuple):
@@ -84,7 +126,21 @@ def _parse_mended(
     try:
         parsed.stretches.append(ParsedStretch(parse(header + mended), cells))
     except error:
-        parsed.refused.append((text.lines[index], problem))
+        why = _wrong_length(text.epochs[index], header) or problem
+        parsed.refused.append((text.lines[index], why))
+
+
+def _wrong_length(epoch: str, header: str) -> str:
+    """Return by how much the number of an epoch's lines is wrong in RINEX 2, empty where it is right or not known."""
+    lines = epoch.rstrip("\n").split("\n")
+    shape = None if version_of(header) >= 3.0 else _shape_2(lines, header)
+    if shape is None or shape.n_cells > _MOST_CELLS_2 or lines[0][28:29] not in "01":
+        return ""
+    wanted, found = shape.n_first + shape.n_names * shape.per_satellite, len(lines)
+    if wanted == found:
+        return ""
+    detail = f"{shape.n_names} satellite(s) of {shape.n_cells} observation(s) need {wanted}"
+    return f"the epoch has {found} line(s), {detail}"
 
 
 def without_damaged_cells(epoch: str, header: str, first_line: int) -> tuple[str, tuple[DamagedCell, ...]]:
@@ -116,12 +172,10 @@ def _stretches_3(lines: list[str]) -> Iterator[_CellLine]:
 
 def _stretches_2(lines: list[str], header: str) -> Iterator[_CellLine]:
     """Yield the lines of each satellite, RINEX 2; its epoch names all satellites before the first number."""
-    types, count = _TYPES_2.search(header), lines[0][29:32].strip()
-    if types is None or not count.isdigit() or int(types[1]) == 0:
+    shape = _shape_2(lines, header)
+    if shape is None:
         return
-    n_names, n_cells = int(count), int(types[1])
-    per_satellite = -(-n_cells // _CELLS_PER_LINE_2)
-    n_first = -(-n_names // _NAMES_PER_LINE_2)
+    n_first, n_names, per_satellite, _ = shape
     names = "".join(line[_NAMES_2 : _NAMES_2 + 3 * _NAMES_PER_LINE_2] for line in lines[:n_first])
     own_system = header[40:41].strip().replace("M", "") or "G"
     for line in range(n_first, min(n_first + n_names * per_satellite, len(lines))):
@@ -129,6 +183,24 @@ def _stretches_2(lines: list[str], header: str) -> Iterator[_CellLine]:
         name = names[3 * i : 3 * i + 3]
         if _NAME.fullmatch(name):
             yield _CellLine(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
+
+
+class _Shape(NamedTuple):
+    """How many lines an epoch of RINEX 2 has."""
+
+    n_first: int  # lines with the names of the satellites
+    n_names: int
+    per_satellite: int  # lines
+    n_cells: int  # of each satellite
+
+
+def _shape_2(lines: list[str], header: str) -> _Shape | None:
+    """Return the shape that an epoch states, None where it cannot be read."""
+    types, count = _TYPES_2.search(header), lines[0][29:32].strip()
+    if types is None or not count.isdigit() or int(types[1]) == 0:
+        return None
+    n_names, n_cells = int(count), int(types[1])
+    return _Shape(-(-n_names // _NAMES_PER_LINE_2), n_names, -(-n_cells // _CELLS_PER_LINE_2), n_cells)
 
 
 def _full_name(name: str, own_system: str) -> str:

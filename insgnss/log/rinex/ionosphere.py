@@ -13,10 +13,11 @@ import numpy as np
 from insgnss.tables import Float64
 
 # Names of the header lines (RINEX 3.05, table A5): the two of Klobuchar's form, or the one of Galileo
-_PAIRS: Final = {"BDSA": "BDSB", "QZSA": "QZSB", "IRNA": "IRNB"}
-_SYSTEMS: Final = {"BDSA": "beidou", "QZSA": "qzss", "IRNA": "navic", "GAL": "galileo"}
+_PAIRS: Final = {"GPSA": "GPSB", "BDSA": "BDSB", "QZSA": "QZSB", "IRNA": "IRNB"}
+_SYSTEMS: Final = {"GPSA": "gps", "BDSA": "beidou", "QZSA": "qzss", "IRNA": "navic", "GAL": "galileo"}
 # Messages of RINEX 4 with the same coefficients, and how many (RINEX 4.01, tables A33 to A37)
 _MESSAGES: Final = {
+    ("G", "LNAV"): ("gps", 8),
     ("C", "D1D2"): ("beidou", 8),
     ("J", "LNAV"): ("qzss", 8),
     ("J", "CNVX"): ("qzss", 8),
@@ -26,10 +27,7 @@ _MESSAGES: Final = {
 
 
 def read_ionosphere(text: str) -> dict[str, Float64]:
-    """Return the coefficients of ``NavigationData.ionosphere``, SI units; a damaged set is left out.
-
-    GPS's own are not among them: they are ``NavigationData.klobuchar``.
-    """
+    """Return the coefficients of ``NavigationData.ionosphere``, SI units, and GPS's; a damaged set is left out."""
     found: dict[str, Float64] = {}
     for system, values in (*_from_header(text), *_from_messages(text)):
         coefficients = np.array(values, dtype=np.float64)

@@ -6,6 +6,7 @@ message of an unhealthy satellite is data that the selection of ephemerides judg
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,6 +37,7 @@ MESSAGES: Final = {
     "beidou_d1": "D1",
     "beidou_d2": "D2",
 }
+_NO_SATELLITE: Final = re.compile(r"^(> (?:STO|EOP|ION) [A-Z])  (?= )", re.MULTILINE)
 _READ_ELSEWHERE: Final = ("glonass", "sbas", "ionosphere")
 _ELEMENTS: Final = (
     *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
@@ -83,9 +85,12 @@ def read_navigation(
     for file in files:
         text = _navigation_text(file)
         _read_records(text, file.name, found)
-        found.klobuchar = _klobuchar(text) if found.klobuchar is None else found.klobuchar
+        ionosphere = read_ionosphere(text)
+        of_gps = ionosphere.pop("gps", None)
+        if found.klobuchar is None:
+            found.klobuchar = _klobuchar(text, of_gps)
         found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
-        found.ionosphere = read_ionosphere(text) | found.ionosphere
+        found.ionosphere = ionosphere | found.ionosphere
     suffices = coefficients_suffice and (found.klobuchar is not None or bool(found.ionosphere))
     if not (found.keplerian or found.states or suffices):
         names = ", ".join(str(path) for path in paths)
@@ -123,7 +128,8 @@ def _navigation_text(file: JoinedFile) -> str:
     if version.isascii() and version.isdigit():
         # the archives' merged files state "2" where the format asks for F9.2, and sidereon insists on the format
         text = f"{int(version):9.2f}{text[9:]}"
-    return text
+    # what holds for a whole system may leave out the satellite that sent it, and sidereon insists on one
+    return _NO_SATELLITE.sub(r"\g<1>01", text)
 
 
 def _read_records(text: str, path: str, found: _NavigationContents) -> None:
@@ -168,7 +174,9 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: str, events: list[Ev
 
     def event(message: tuple[int, str, str]) -> Event:
         line, sv, why = message
-        return Event(None, "navigation_damaged", f"{path}:{line}: {sv}: {why}; message refused")
+        return Event(
+            None, "navigation_damaged", f"{path}:{line}: {f'{sv}: ' if sv else ''}{why}; message refused"
+        )
 
     events += first_events(sorted(damaged), event, path, "messages refused")
 
@@ -190,11 +198,12 @@ def _inter_signal(record: Any) -> Float64:
     return np.array([_or_nan(getattr(delays, f"cnav_isc_{name}_s")) for name in names])
 
 
-def _klobuchar(text: str) -> Float64 | None:
+def _klobuchar(text: str, read_alone: Float64 | None) -> Float64 | None:
+    """Return GPS's coefficients, those that were ``read_alone`` where a damaged set of any system stops the reader."""
     try:
         gps = sidereon.parse_rinex_iono_corrections(text).gps
     except sidereon.SidereonError:
-        return None
+        return read_alone
     return None if gps is None else np.concatenate([gps.alpha, gps.beta])
 
 

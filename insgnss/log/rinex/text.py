@@ -19,8 +19,8 @@ FIRST_LABEL: Final = "RINEX VERSION / TYPE"
 _FIRST_PACKED_LABEL: Final = "CRINEX VERS   / TYPE"
 
 # RINEX 3 and 4 mark each epoch with ">"; RINEX 2.11, table A2: "1X,I2.2,4(1X,I2),F11.7,2X,I1,I3"
-_EPOCH_3: Final = re.compile(r"^>", re.MULTILINE)
-_EPOCH_2: Final = re.compile(r"^ \d\d(?: [ \d]\d){4}[ \d]{3}\.\d{7}  \d[ \d]{2}\d", re.MULTILINE)
+EPOCH_3: Final = re.compile(r"^>", re.MULTILINE)
+EPOCH_2: Final = re.compile(r"^ \d\d(?: [ \d]\d){4}[ \d]{3}\.\d{7}  \d[ \d]{2}\d", re.MULTILINE)
 
 
 # what says how the epochs after it are read; it may come again among the epochs, in an event of flag 4
@@ -123,7 +123,7 @@ def split_epochs(text: str) -> ObservationText:
     mark = text.find("END OF HEADER")
     end = text.find("\n", mark) + 1 if mark >= 0 else 0
     header, body = text[:end], text[end:]
-    pattern = _EPOCH_3 if version_of(text) >= 3.0 else _EPOCH_2
+    pattern = EPOCH_3 if version_of(text) >= 3.0 else EPOCH_2
     starts = [match.start() for match in pattern.finditer(body)]
     epochs = [body[a:b] for a, b in pairwise([*starts, len(body)])]
     line = header.count("\n") + body[: starts[0] if starts else 0].count("\n") + 1
