@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from insgnss.config.imu import ImuColumns as ImuColumns
 from insgnss.config.imu import ImuConfig as ImuConfig
 from insgnss.config.imu import ImuGrade as ImuGrade
+from insgnss.config.key_errors import KeyValueError, require_own_names
 from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable
 from insgnss.config.quantities import Angles as Angles
 from insgnss.config.quantities import AngleSigma as AngleSigma
@@ -320,11 +321,9 @@ class FlightConfig(StrictModel):
     @model_validator(mode="after")
     def _sensors_are_told_apart(self) -> Self:
         if not self.gnss.files and all(sensor.kind != "position" for sensor in self.sensor):
-            raise ValueError("no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'")
+            message = "no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'"
+            raise KeyValueError(message, "gnss")
         if not self.gnss.files and self.attitude is not None:
-            raise ValueError("[attitude] needs the carrier phases of [gnss]: give it too")
-        labels = [sensor.label for sensor in self.sensor]
-        twice = next((label for label in labels if labels.count(label) > 1), None)
-        if twice is not None:
-            raise ValueError(f"two sensors are called '{twice}': give each a name of its own")
+            raise KeyValueError("[attitude] needs the carrier phases of [gnss]: give it too", "gnss")
+        require_own_names([sensor.label for sensor in self.sensor], "sensors", "sensor")
         return self

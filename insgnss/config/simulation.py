@@ -17,6 +17,7 @@ from insgnss.config.flight import (
     ReferenceColumns,
     Vector3,
 )
+from insgnss.config.key_errors import require_own_names
 from insgnss.config.log_table import LogTable
 from insgnss.config.manoeuvres import Manoeuvre
 from insgnss.config.quantities import Elevation, GpsSatellite
@@ -290,8 +291,7 @@ class SimulatedAttitude(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_different(self) -> SimulatedAttitude:
-        if len({antenna.name for antenna in self.antenna}) != len(self.antenna):
-            raise ValueError("two further antennas have the same name")
+        require_own_names([antenna.name for antenna in self.antenna], "further antennas", "antenna")
         return self
 
 
@@ -330,9 +330,8 @@ class SimulationConfig(StrictModel):
 
     @model_validator(mode="after")
     def _sensors_are_told_apart(self) -> SimulationConfig:
+        require_own_names([sensor.label for sensor in self.sensor], "sensors", "sensor")
         kinds = {sensor.label: sensor.kind for sensor in self.sensor}
-        if len(kinds) != len(self.sensor):
-            raise ValueError("two sensors have the same name")
         for fault in self.sensor_faults:
             if fault.sensor not in kinds:
                 raise ValueError(f"the fault '{fault.kind}' names an unknown sensor '{fault.sensor}'")

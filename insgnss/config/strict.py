@@ -18,6 +18,7 @@ from pydantic_core import ErrorDetails
 
 from insgnss.config.changes import as_tables, merged
 from insgnss.config.files import existing_file
+from insgnss.config.key_errors import KeyValueError
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.errors import ConfigError
 
@@ -217,7 +218,9 @@ def _describe(
     model: type[BaseModel],
     lines: dict[tuple[str | int, ...], int],
 ) -> _Problem:
-    path = _path_in_file(error["loc"], data)
+    cause = error.get("ctx", {}).get("error")
+    place = cause.place if isinstance(cause, KeyValueError) else ()
+    path = _path_in_file((*error["loc"], *place), data)
     keys = tuple(part for part in path if isinstance(part, str))
     key = ".".join(keys) or "the file"
     entry = f"entry {path[-1] + 1}: " if path and isinstance(path[-1], int) else ""
@@ -236,7 +239,7 @@ def _describe(
         )
     if kind in ("value_error", "assertion_error"):
         # what the schema says of a whole table does not tell which of its keys to change; the message does
-        purpose = "" if isinstance(error["input"], Mapping) else _purpose(keys, model)
+        purpose = "" if isinstance(error["input"], Mapping) and not place else _purpose(keys, model)
         return _Problem(key, line, error["msg"].split(", ", 1)[-1], f"change {key}{purpose}")
     expected = _EXPECTED.get(kind) or error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
     message = f"{entry}expected {expected}; got {_short(error['input'])}"

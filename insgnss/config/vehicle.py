@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from insgnss.config.flight import LeverArm, MountedAntenna
+from insgnss.config.key_errors import require_own_names
 from insgnss.config.strict import StrictModel
 
 
@@ -27,7 +28,5 @@ class Vehicle(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_different(self) -> Vehicle:
-        names = [antenna.name for antenna in self.antenna]
-        if len(set(names)) != len(names):
-            raise ValueError("two antennas have the same name")
+        require_own_names([antenna.name for antenna in self.antenna], "antennas", "antenna")
         return self

@@ -163,9 +163,11 @@ class Flight(ResultDisplay):
                 detail = f"sensor '{sensor.label}' names no files: nothing of it is used in a replay"
                 events.append(Event(None, "sensor_without_log", detail))
                 continue
-            table, found = read_sensor(sensor, self.config.gps_week)
+            table, found = read_sensor(sensor, self.config.gps_week, self.config.sensor)
             tables.append(table)
-            events += found + sensor_outside(imu.t_ns, table, self.config.gps_week)
+            # a column that two sensors of one file leave is told once
+            events += [event for event in found if event.kind != "columns_not_read" or event not in events]
+            events += sensor_outside(imu.t_ns, table, self.config.gps_week)
         return tuple(tables), events
 
     def files(self) -> tuple[Path, ...]:

@@ -149,4 +149,19 @@ def test_mistake_in_a_sensor_s_entry_is_named_with_its_line(tmp_path: Path, entr
     path.write_text(FLIGHT + entry)
     with pytest.raises(ConfigError, match=message) as raised:
         load_toml(path, FlightConfig)
-    assert "sensor" in str(raised.value.key) or raised.value.key == "the file"
+    assert str(raised.value.key).startswith("sensor") and raised.value.line is not None
+    if "two sensors" in message:
+        assert raised.value.key == "sensor.name" and raised.value.line == FLIGHT.count("\n") + 3
+
+
+def test_columns_that_one_of_two_sensors_of_a_file_reads_are_not_told_as_unread(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time_s,speed,pressure_hpa,note\n1,2,1000,5\n2,2,1000,6\n")
+    kinds = TypeAdapter(Sensor)
+    pair = [kinds.validate_python({"kind": kind, "files": [path]}) for kind in ("odometer", "barometer")]
+
+    for sensor in pair:
+        _, events = read_sensor(sensor, WEEK, pair)
+        assert [event.detail for event in events] == [f"{path} has further columns: note"]
+    _, alone = read_sensor(pair[0], WEEK)
+    assert [event.detail for event in alone] == [f"{path} has further columns: pressure_hpa, note"]

@@ -7,7 +7,7 @@ are neglected: metres and tenths of m/s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -71,15 +71,16 @@ class SensorLogRead(NamedTuple):
 
 def read_sensor_logs(flight: Flight) -> list[SensorLogRead]:
     """Read the log of each further sensor; one that cannot be read is a finding."""
-    return [_read(config, flight.config.gps_week) for config in flight.config.sensor]
+    sensors = flight.config.sensor
+    return [_read(config, flight.config.gps_week, sensors) for config in sensors]
 
 
-def _read(config: Sensor, week: int) -> SensorLogRead:
+def _read(config: Sensor, week: int, sensors: Sequence[Sensor]) -> SensorLogRead:
     if not config.files:
         no_log = Finding("ok", config.label, "has no log: its values come live")
         return SensorLogRead(config, None, [no_log])
     try:
-        table, events = read_sensor(config, week)
+        table, events = read_sensor(config, week, sensors)
     except InsGnssError as error:
         text = f"{error.place()}: {error.message}" if error.place() else error.message
         return SensorLogRead(config, None, [Finding("error", config.label, text, error.advice)])

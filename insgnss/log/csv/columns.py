@@ -25,7 +25,8 @@ class ColumnSelection:
     ``exact`` columns are returned as integers in units of 10^-digits, ``calendar`` ones as GPS time [ns] under the name
     of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal`` is the mark before the
     decimals of all numbers. The numbers of columns named ``together`` lie side by side in memory where the file has all
-    of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional.
+    of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional. What is
+    read ``elsewhere``, by another sensor of the same file, is not told as unread.
     """
 
     numeric: Sequence[str] = ()
@@ -35,6 +36,7 @@ class ColumnSelection:
     exact: Mapping[str, int] = field(default_factory=dict)
     together: Sequence[str] = ()
     chosen: Sequence[str] = ()
+    elsewhere: Sequence[str] = ()
     calendar: Calendar | None = None
     decimal: str = "."
 
@@ -103,9 +105,9 @@ def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict
     return {name: place for name, place in found.items() if place is not None}
 
 
-def unread_columns(dialect: Dialect, places: Mapping[str, int]) -> list[str]:
+def unread_columns(dialect: Dialect, places: Mapping[str, int], wanted: ColumnSelection) -> list[str]:
     """Return the names of the columns that nothing reads; where the header has no name, the number."""
-    read = set(places.values())
+    read = {*places.values(), *map(dialect.place, wanted.elsewhere)}
     return [name or f"#{k + 1}" for k, name in enumerate(dialect.columns) if k not in read]
 
 

@@ -80,7 +80,7 @@ def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
     pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
     if rows.n == 0:
         raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
-    events = _dialect_events(path, dialect, unread_columns(dialect, places)) + rows.events
+    events = _dialect_events(path, dialect, unread_columns(dialect, places, wanted)) + rows.events
     return CsvTable(**vars(rows) | {"events": events}, path=path, dialect=dialect)
 
 

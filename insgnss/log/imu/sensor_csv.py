@@ -6,7 +6,8 @@ A cell that is empty, unreadable or beyond what the kind can measure is NaN: the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -49,8 +50,12 @@ _POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
 _LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter the mean speed is not a reading
 
 
-def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
+def read_sensor(config: Sensor, week: int, sensors: Sequence[Sensor] = ()) -> tuple[SensorTable, list[Event]]:
     """Read a further sensor's log in SI units and body axes.
+
+    Parameters
+    ----------
+    sensors : all of the flight; what another of them reads from the same file is not told as unread
 
     Raises
     ------
@@ -60,7 +65,9 @@ def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
     parts: list[tuple[Int64, Float64, Float64]] = []
     events: list[Event] = []
     for path in config.files:
-        table = read_csv_table(path, wanted_with_time(config, _wanted(config)))
+        others = [name for other in sensors if path in other.files for name in other.columns.all_names()]
+        wanted = replace(wanted_with_time(config, _wanted(config)), elsewhere=others)
+        table = read_csv_table(path, wanted)
         t_ns, rows, found = gps_times(table, config, week)
         table = table if rows is None else table.take(rows)
         t_ns, later = continued_times(t_ns, int(parts[-1][0][-1]) if parts else None, config, str(path))
