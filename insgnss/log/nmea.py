@@ -3,6 +3,9 @@
 NMEA holds no measurements. Its fixes are a reference, quality 2 (no truth), or take the place of measurements.
 Sentences in a row with the same time of day are an epoch. Its date is that of its RMC or ZDA, else it follows from the
 last epoch that had one. RMC states speed and direction over ground; NMEA has no vertical velocity. Times are UTC.
+
+Early versions of the standard leave the check sum to the talker. A sentence of an address that never has one is read
+if its line is whole, with an event; where others of its address have one, a sentence without it was cut.
 """
 
 from __future__ import annotations
@@ -30,8 +33,9 @@ from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.tables import Event, Int64
 from insgnss.units import SI_PER_UNIT
 
-_SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{5,200})\*([0-9A-Fa-f]{2})")
+_SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{5,200})(?:\*([0-9A-Fa-f]{2})|(?=[\r\n]))")
 _BEGUN: Final = re.compile(rb"\$[A-OQ-Z][A-Z](?:GGA|RMC|GST|ZDA),")
+_OTHER_ADDRESS: Final = re.compile(rb"(?:[A-Z]{2}[A-Z]{3}|P[A-Z0-9]{3,9}),")
 _CLOCK: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})(?:\.([0-9]{0,9}))?")
 _ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
 # qualities of GGA that satellites gave: others are dead reckoning, typed in, a simulator's, or nothing
@@ -59,6 +63,7 @@ class _Sentences:
     epochs: list[_NmeaEpoch] = field(default_factory=list)
     others: Counter[str] = field(default_factory=Counter)
     damaged: int = 0
+    unchecked: int = 0  # read without a check sum
     without_fix: int = 0
 
 
@@ -103,30 +108,52 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
 
 
 def nmea_bytes(data: bytes) -> int:
-    """Return how many bytes lie between $ and * of sentences with a sound check sum."""
-    return sum(len(body) for sound, body in _sentences(data) if sound)
+    """Return how many bytes lie behind the $ of sentences with a sound check sum, or of whole ones without any."""
+    return sum(
+        len(body)
+        for sound, body in _sentences(data)
+        if sound or (sound is None and _is_whole(*_kind_and_cells(body)))
+    )
 
 
-def _sentences(data: bytes) -> Iterator[tuple[bool, bytes]]:
-    """Yield of each sentence whether its check sum holds, and the text between $ and *."""
+def _sentences(data: bytes) -> Iterator[tuple[bool | None, bytes]]:
+    """Yield of each sentence whether its check sum holds, None where it has none, and the text that it is of."""
     for match in _SENTENCE.finditer(data):
-        yield functools.reduce(operator.xor, match[1]) == int(match[2], 16), match[1]
+        stated = match[2]
+        sound = None if stated is None else functools.reduce(operator.xor, match[1]) == int(stated, 16)
+        yield sound, match[1]
+
+
+def _kind_and_cells(body: bytes) -> tuple[str, list[str]]:
+    """Return the kind of a sentence, without its talker, and its cells."""
+    address, *cells = body.decode("latin-1").split(",")
+    return address[2:] if len(address) == _ADDRESS and address[0] != "P" else address, cells
+
+
+def _is_whole(kind: str, cells: list[str]) -> bool:
+    """Return whether a sentence is one of those that are read, and has all cells that it must have."""
+    return kind in _READERS and len(cells) >= _LEAST_CELLS[kind]
 
 
 def _add_file(data: bytes, found: _Sentences) -> None:
     """Add the epochs of a file."""
     epoch: _NmeaEpoch | None = None
     whole = 0
+    checked = {body.partition(b",")[0] for sound, body in _sentences(data) if sound is not None}
     for sound, body in _sentences(data):
-        address, *cells = body.decode("latin-1").split(",")
-        kind = address[2:] if len(address) == _ADDRESS and address[0] != "P" else address
+        kind, cells = _kind_and_cells(body)
         whole += kind in _READERS
-        if not sound:
+        if sound is None and kind not in _READERS and not _OTHER_ADDRESS.match(body):
+            continue  # a line of something else
+        cut = sound is None and kind in _READERS
+        cut = cut and (body.partition(b",")[0] in checked or not _is_whole(kind, cells))
+        if sound is False or cut:
             found.damaged += 1
             continue
         if kind not in _READERS:
             found.others[kind] += 1
             continue
+        found.unchecked += sound is None
         try:
             time_ns = _time_of_day_ns(cells[0])
             if epoch is None or time_ns != epoch.time_ns:
@@ -182,6 +209,7 @@ def _zda(epoch: _NmeaEpoch, cells: list[str]) -> None:
 
 
 _READERS: Final = {"GGA": _gga, "RMC": _rmc, "GST": _gst, "ZDA": _zda}
+_LEAST_CELLS: Final = {"GGA": 14, "RMC": 11, "GST": 8, "ZDA": 6}  # of any version of the standard
 
 
 def _time_of_day_ns(text: str) -> int:
@@ -237,6 +265,12 @@ def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> In
 def _events(found: _Sentences, by_model: int, file: str) -> list[Event]:
     counts = (
         ("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),
+        (
+            "nmea_unchecked",
+            found.unchecked,
+            "sentences without a check sum read: damage that leaves them whole stays unnoticed; have the receiver or"
+            " logger write check sums",
+        ),
         ("nmea_no_fix", found.without_fix, "sentences without a time or a fix of satellites left out"),
         ("nmea_damaged", found.damaged, "sentences with a wrong check sum, cut or unreadable left out"),
     )

@@ -157,6 +157,31 @@ def test_damaged_and_cut_sentences_are_counted(tmp_path: Path) -> None:
     assert "1 GSV, 1 PUBX" in told(log)["nmea_not_used"]
 
 
+def unchecked(text: str) -> str:
+    return text.partition("*")[0] + "\r\n"
+
+
+def test_sentences_of_a_talker_that_never_states_a_check_sum_are_read_and_told(tmp_path: Path) -> None:
+    texts = [unchecked(text) for k in range(3) for text in (rmc(f"12000{k}.00"), gga(f"12000{k}.00"))]
+    log = read(tmp_path, "$not a sentence\r\n", *texts, unchecked(sentence("GPGSV,1,1,00")))
+
+    plain = [text for k in range(3) for text in (rmc(f"12000{k}.00"), gga(f"12000{k}.00"))]
+    assert detect_format(tmp_path / "log.nmea") == "nmea"
+    assert log.solution is not None
+    assert log.solution.lat_deg.tolist() == fixes(tmp_path, *plain).lat_deg.tolist()
+    assert "6 sentences without a check sum read" in told(log)["nmea_unchecked"]
+    assert "nmea_damaged" not in told(log) and told(log)["nmea_not_used"].endswith("not read: 1 GSV")
+
+
+def test_sentence_without_check_sum_is_cut_where_others_of_its_kind_have_one(tmp_path: Path) -> None:
+    texts = [rmc(), gga(), unchecked(gga("120001.00")), gga("120002.00"), unchecked(gst("120002.00"))]
+    log = read(tmp_path, *texts, unchecked(gst())[:20] + "\r\n", gst("120003.00")[:-5])
+
+    assert log.solution is not None and len(log.solution.t_ns) == 2
+    assert "3 sentences" in told(log)["nmea_damaged"]
+    assert "1 sentences without a check sum" in told(log)["nmea_unchecked"]
+
+
 def test_date_goes_on_over_midnight_and_back_to_the_first_epoch(tmp_path: Path) -> None:
     texts = [
         gga("235959.50"),
