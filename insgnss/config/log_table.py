@@ -33,17 +33,23 @@ def _by_number(name: Any) -> Any:
 ColumnName = Annotated[str, BeforeValidator(_by_number)]
 
 
-def _one_or_three(names: Any) -> Any:
+def _one_or_parts(names: Any, counts: tuple[int, ...]) -> Any:
+    """Return a column, or the columns of its parts; ``counts`` of parts are allowed."""
     if isinstance(names, list | tuple):
-        if len(names) != len(set(names)) or len(names) != 3:
+        if len(names) != len(set(names)) or len(names) not in counts:
+            many = " or ".join({2: "two", 3: "three"}[count] for count in counts)
             raise ValueError(
-                f"one column, or three different ones, the longest unit first; got {list(names)}"
+                f"one column, or {many} different ones, the longest unit first; got {list(names)}"
             )
         return tuple(map(_by_number, names))
     return _by_number(names)
 
 
-ColumnNames = Annotated[str | tuple[str, str, str], BeforeValidator(_one_or_three)]
+TimeColumns = Annotated[str | tuple[str, str, str], BeforeValidator(lambda names: _one_or_parts(names, (3,)))]
+DateColumns = Annotated[
+    str | tuple[str, str] | tuple[str, str, str],
+    BeforeValidator(lambda names: _one_or_parts(names, (2, 3))),
+]
 
 
 class TimeScale(StrictModel):
@@ -112,12 +118,13 @@ def require_different(names: tuple[str, ...], advice: str) -> None:
 class LogColumns(StrictModel):
     """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
-    time: ColumnNames = Field(
+    time: TimeColumns = Field(
         "time_s", description="column of times; for times of day also three: hours, minutes, seconds"
     )
-    date: ColumnNames = Field(
+    date: DateColumns = Field(
         NO_COLUMN,
-        description="column of dates, where the time column holds the time of day; or of years, months, days",
+        description="column of dates, where the time column holds the time of day; or of years, months, days; or of"
+        " years, days of the year",
     )
     week: ColumnName = Field(
         NO_COLUMN, description="column of GPS weeks, where the time column holds seconds of the week"
@@ -139,7 +146,7 @@ class LogColumns(StrictModel):
 
     @property
     def date_names(self) -> tuple[str, ...]:
-        """The column of dates, or those of years, months and days; empty without any."""
+        """The column of dates, or those of years, months and days, or years and days of the year; empty without any."""
         names = (self.date,) if isinstance(self.date, str) else self.date
         return () if names == (NO_COLUMN,) else names
 
@@ -188,7 +195,7 @@ class LogTable(StrictModel):
                 "unit is of one column of numbers: leave it out beside hours, minutes and seconds"
             )
         if len(self.columns.date_names) > 1 and self.time.date_order != "ymd":
-            raise ValueError("columns.date lists years, months and days in this order: leave date_order out")
+            raise ValueError("columns.date lists years, months, days in this order: leave date_order out")
         if self.time.origin != "calendar":
             return self
         if self.columns.nanoseconds != NO_COLUMN:

@@ -300,6 +300,27 @@ def test_year_month_day_hour_minute_and_second_may_have_a_column_each(
     assert set(t_ns.tolist()) == {ns_of(dt.datetime(2025, 9, 24, 9, 4, 3, 500_000))} and not events
 
 
+@pytest.mark.parametrize("day", ["3", "03", "003", "3.0", " 3"])
+@pytest.mark.parametrize(
+    ("clock", "header", "keys"),
+    [
+        ("32643.5", "sod", {"time": "sod", "unit": "s"}),
+        ("09:04:03.5", "t", {"time": "t"}),
+        ("9,4,3.5", "h,min,s", {"time": ["h", "min", "s"]}),
+    ],
+)
+def test_year_and_day_of_the_year_may_have_a_column_each(
+    tmp_path: Path, day: str, clock: str, header: str, keys: dict[str, str]
+) -> None:
+    columns = {"date": ["year", "doy"], "time": keys["time"]}
+    unit = {key: value for key, value in keys.items() if key == "unit"}
+    rows = [f"2023,365,{clock},1", f"2024,{day},{clock},1", f"2024,60,{clock},1", f"2023,366,{clock},1"]
+    t_ns, events = read(tmp_path, f"year,doy,{header},x", rows, columns, scale="gps", **unit)
+    days = ((2023, 12, 31), (2024, 1, 3), (2024, 2, 29))
+    assert t_ns.tolist() == [ns_of(dt.datetime(*each, 9, 4, 3, 500_000)) for each in days]
+    assert ["log.csv:5" in event.detail for event in events] == [True]  # 2023 has no such day
+
+
 def test_hour_minute_and_second_columns_go_with_a_declared_date_or_one_column_of_dates(
     tmp_path: Path,
 ) -> None:
@@ -317,7 +338,8 @@ def test_hour_minute_and_second_columns_go_with_a_declared_date_or_one_column_of
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"date": ["Y", "M"], "time": "t"}, "three different ones"),
+        ({"date": ["Y"], "time": "t"}, "two or three different ones"),
+        ({"date": "day", "time": ["h", "m"]}, "or three different ones"),
         ({"date": ["Y", "M", "M"], "time": "t"}, "three different ones"),
         ({"time": ["h", "m", "s"]}, "needs a date"),
         ({"date": ["Y", "M", "D"], "time": ["h", "m", "Y"]}, "'Y' is named for two things"),

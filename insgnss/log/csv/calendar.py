@@ -62,7 +62,8 @@ class Calendar:
     scale: Literal["gps", "utc"]
     leap_seconds: int | None
     is_order_declared: bool = False  # years of two digits are read then
-    date_columns: tuple[str, ...] = ()  # the column of dates, or of years, months and days
+    # the column of dates, or of years, months and days, or of years and days of the year
+    date_columns: tuple[str, ...] = ()
     date: dt.date | None = None  # of every row, where the one column holds times of day
     day_digits: int | None = (
         None  # a number in the column of times counts 10^digits ns of its day; None: undeclared
@@ -126,7 +127,12 @@ class Calendar:
         time = _of_parts(stripped[n_date:], ":")
         if self.date is not None:
             return _join([pa.scalar(f"{self.date}", time.type), time], "T")
-        return _join([_of_parts(stripped[:n_date], "-"), time], "T") if n_date else time
+        date = _of_parts(stripped[:n_date], "-") if n_date else time
+        if n_date == 2:
+            date = pc.replace_substring_regex(
+                date, r"-(\d\d)$", r"-0\1"
+            )  # a day of the year has three digits
+        return _join([date, time], "T") if n_date else time
 
 
 def _of_parts(parts: list[pa.Array], between: str) -> pa.Array:
