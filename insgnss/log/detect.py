@@ -127,7 +127,7 @@ def _sbf_bytes(data: bytes) -> int:
     known = (
         int.from_bytes(data[at + 6 : at + 8], "little") for starts in found.starts.values() for at in starts
     )
-    return sum(known) + 8 * found.unread
+    return sum(known) + 8 * found.others.total()
 
 
 def _rtcm_bytes(data: bytes) -> int:

@@ -19,6 +19,7 @@ from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf.reader import read_sbf
 from tests.log.sbf_encoder import (
     WEEK,
+    block,
     cartesian_covariances,
     cartesian_fix,
     covariances,
@@ -55,6 +56,13 @@ def test_fixes_have_place_velocity_and_the_sigmas_of_their_covariances(tmp_path:
     assert own.sigma[1, :3] == pytest.approx([1.0 / math.sqrt(2.0)] * 2 + [1.5])
     assert np.isnan(own.sigma[1, 3:]).all()
     assert "receiver's fixes" in {event.kind: event.detail for event in log.events}["reference_own"]
+
+
+def test_blocks_that_are_not_read_are_told_with_their_numbers(tmp_path: Path) -> None:
+    attitude, ends = block(5938, bytes(34)), block(5921, bytes(6))
+    log = read(tmp_path, fix(340_000.0), attitude, ends, fix(340_000.5), attitude)
+    told = {event.kind: event.detail for event in log.events}["sbf_not_used"]
+    assert told.endswith("blocks not read, by number: 2 of 5938 (AttEuler), 1 of 5921")
 
 
 def test_fields_are_those_of_another_parser() -> None:

@@ -50,6 +50,18 @@ def pvt(
     return frame(0x0107, bytes(body))
 
 
+def pvat(after_ms: int = 0, *, flags: int = 0x39, fix: int = 4) -> bytes:
+    """Return a NAV-PVAT of 116 bytes: the place and motion of ``pvt``; roll 1.5, pitch -2.25, heading 275 deg."""
+    body = bytearray(116)
+    struct.pack_into("<IxBHBB", body, 0, NOON_MS + after_ms, 7, 2025, 8, 28)
+    struct.pack_into("<BBxxiiii", body, 24, fix, flags, 85_000_001, -473_000_000, 612_345, 564_000)
+    struct.pack_into("<IIiii", body, 44, 1500, 2500, 1250, -2, 30)
+    struct.pack_into("<I", body, 68, 70)
+    struct.pack_into("<iii", body, 72, 150_000, -225_000, 27_500_000)
+    struct.pack_into("<HHH", body, 88, 20, 30, 150)
+    return frame(0x0117, bytes(body))
+
+
 def sol(after_ms: int = 0, *, fix: int = 3, flags: int = 0x0D) -> bytes:
     """Return a NAV-SOL of 52 bytes: 45 deg east on the equator, 100 m high, going 5 m/s north, 3 up."""
     body = bytearray(52)
@@ -92,6 +104,24 @@ def test_solution_has_place_velocity_and_sigmas(tmp_path: Path) -> None:
     assert np.isnan(own.sigma[1, :2]).all() and own.sigma[1, 2] == 2.5  # the largest number states nothing
     assert np.isnan(own.rpy_deg).all() and (own.quality == 2.0).all()
     assert "receiver's fixes" in {event.kind: event.detail for event in log.events}["reference_own"]
+
+
+def test_attitude_of_nav_pvat_is_read_as_far_as_it_is_valid(tmp_path: Path) -> None:
+    without_heading = 0x19
+    log = read(tmp_path, pvt(), pvt(500), pvat(), pvat(1000, flags=without_heading))
+    own, alone = log.solution, read(tmp_path, pvt(), pvt(1000)).solution
+    assert own is not None and own.sigma is not None and alone is not None and log.solution_from == "filter"
+    assert own.t_ns.tolist() == [T0, T0 + 10**9]  # NAV-PVT beside it is not read
+    assert own.lat_deg.tolist() == alone.lat_deg.tolist() and own.v_n.tolist() == alone.v_n.tolist()
+    assert own.rpy_deg[0] == pytest.approx([1.5, -2.25, 275.0]) and np.isnan(own.rpy_deg[1, 2])
+    assert own.sigma[0] == pytest.approx([1.5, 1.5, 2.5, 0.07, 0.07, 0.07, 0.2, 0.3, 1.5])
+    assert "NAV-PVAT of" in {event.kind: event.detail for event in log.events}["reference_own"]
+
+    _, parsed = UBXReader(io.BytesIO(pvat())).read()
+    assert parsed is not None and parsed.identity == "NAV-PVAT"
+    assert (parsed.vehRoll, parsed.vehPitch, parsed.vehHeading) == pytest.approx((1.5, -2.25, 275.0))
+    assert (parsed.accRoll, parsed.accPitch, parsed.accHeading) == pytest.approx((0.2, 0.3, 1.5))
+    assert (parsed.velN, parsed.sAcc, parsed.vehHeadingValid) == (1250, 70, 1)
 
 
 def test_solutions_that_are_no_fix_are_left_out(tmp_path: Path) -> None:

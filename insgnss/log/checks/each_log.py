@@ -52,6 +52,7 @@ NOTICES: Final = frozenset(
         "reference_rows_left_out",
         "rinex_event",
         "satellite_states_beside",
+        "sbf_not_used",
         "signal_assumed",
         "time_mark",
         "ubx_foreign_bytes",

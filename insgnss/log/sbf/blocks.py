@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import binascii
 import struct
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -52,6 +53,11 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
     return np.dtype(named)
 
 
+# Of the blocks that are not read those whose name says what is missed
+_NOT_READ: Final = {
+    **{4109: "Meas3Ranges", 4110: "Meas3CN0HiRes", 4111: "Meas3Doppler", 4112: "Meas3PP", 4113: "Meas3MP"},
+    **{5938: "AttEuler", 5939: "AttCovEuler", 4028: "BaseVectorGeod", 4043: "BaseVectorCart"},
+}
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
 INS_NAV: Final = 4226
@@ -138,7 +144,7 @@ class Blocks:
 
     starts: dict[int, list[int]] = field(default_factory=dict)
     damaged: int = 0  # sync words with a sound header but a wrong check sum, or cut by the end
-    unread: int = 0  # sound blocks of another number
+    others: Counter[int] = field(default_factory=Counter)  # sound blocks that are not read, by number
 
 
 def find_blocks(data: bytes) -> Blocks:
@@ -165,12 +171,20 @@ def _sound_length(data: bytes, at: int, found: Blocks) -> int:
     number &= 0x1FFF
     layout = LAYOUTS.get(number)
     if layout is None:
-        found.unread += 1
+        found.others[number] += 1
     elif length >= HEADER_LENGTH + layout.itemsize:
         found.starts.setdefault(number, []).append(at)
     else:
         found.damaged += 1
     return int(length)
+
+
+def listed_others(blocks: Blocks) -> str:
+    """Return the numbers of blocks that are not read, the most frequent first, with their names where that helps."""
+    return ", ".join(
+        f"{count} of {number}" + (f" ({_NOT_READ[number]})" if number in _NOT_READ else "")
+        for number, count in blocks.others.most_common()
+    )
 
 
 def block_length(data: bytes, start: int) -> int:

@@ -28,6 +28,7 @@ from insgnss.log.sbf.blocks import (
     block_records,
     block_times_ns,
     find_blocks,
+    listed_others,
     time_known,
 )
 from insgnss.log.sbf.fixes import fixes, name_of_fixes
@@ -53,7 +54,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     """
     data = b"".join(file_buffer(part).to_pybytes() for part in (path, *further))
     blocks = find_blocks(data)
-    if not blocks.starts and not blocks.unread:
+    if not blocks.starts and not blocks.others:
         raise InputError(
             "no SBF block in the file", file=path, advice="is it a Septentrio receiver's binary log?"
         )
@@ -75,6 +76,8 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
         Event(None, "navigation_damaged", f"{count} {reason}; refused")
         for reason, count in found.refused.items()
     ]
+    if blocks.others:
+        events.append(Event(None, "sbf_not_used", f"blocks not read, by number: {listed_others(blocks)}"))
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]

@@ -1,8 +1,8 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
-Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVT with
-NAV-HPPOSLLH (else NAV-SOL), the receiver's own solution. In files without raw measurements it or NAV-TIMEGPS gives the
-time. Everything else is counted.
+Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS, TIM-TM2 and NAV-PVAT or
+NAV-PVT with NAV-HPPOSLLH (else NAV-SOL), the receiver's own solution. In files without raw measurements it or
+NAV-TIMEGPS gives the time. Everything else is counted.
 Read by ``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
 """
 
@@ -27,6 +27,7 @@ from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw
 from insgnss.log.ubx.solution import (
     DATE_AND_TIME_VALID,
     HPPOSLLH,
+    PVAT,
     PVT,
     SOL,
     SolvedEpochs,
@@ -37,7 +38,7 @@ from insgnss.tables import Event, ImuTable, Int64
 
 TIMEGPS: Final = 0x0120
 TM2: Final = 0x0D03
-KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, SOL, HPPOSLLH, TIMEGPS, TM2}
+KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVAT, PVT, SOL, HPPOSLLH, TIMEGPS, TM2}
 _TM2_LAYOUT: Final = np.dtype(
     [("channel", "u1"), ("flags", "u1"), ("count", "<u2"), ("week_rise", "<u2"), ("week_fall", "<u2")]
     + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]

@@ -2,15 +2,16 @@
 
 u-blox M8 and F9 interface descriptions, "UBX-NAV-PVT": longitude, latitude, height above the ellipsoid, velocity north,
 east, down, and accuracies of the place across, of its height and of the speed. They are not said to be radii: each
-component gets them whole. The time of the week is GPS time, the date UTC. NAV-HPPOSLLH of the same time adds the digits
-that NAV-PVT rounds to 1e-7 deg (11 mm), and its finer accuracies. NAV-SOL, in a file without NAV-PVT, states the week
-and earth-fixed position and velocity in cm with an accuracy each, in three dimensions.
+component gets them whole. The time of the week is GPS time, the date UTC. NAV-PVAT of receivers with an inertial sensor
+states the same, and the vehicle's attitude with its accuracies: where it is logged, NAV-PVT is not read. NAV-HPPOSLLH
+of the same time adds the digits that both round to 1e-7 deg (11 mm), and its finer accuracies. NAV-SOL, in a file
+without them, states the week and earth-fixed position and velocity in cm with an accuracy each, in three dimensions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,16 +33,30 @@ from insgnss.log.ubx.frames import UbxFrames
 from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 
 PVT: Final = 0x0107
+PVAT: Final = 0x0117
 SOL: Final = 0x0106
 HPPOSLLH: Final = 0x0114
-_LAYOUT: Final = np.dtype(
-    [
-        *(("tow_ms", "<u4"), ("year", "<u2"), ("month", "u1"), ("day", "u1"), ("", "V3"), ("valid", "u1")),
-        *(("", "V8"), ("fix", "u1"), ("flags", "u1"), ("", "V2"), ("lon", "<i4"), ("lat", "<i4")),
-        *(("height", "<i4"), ("", "V4"), ("sigma_level", "<u4"), ("sigma_height", "<u4")),
-        *(("velocity", "<i4", (3,)), ("", "V8"), ("sigma_speed", "<u4")),
-    ]
+_DATE: Final = (("year", "<u2"), ("month", "u1"), ("day", "u1"))
+_FIX: Final = (("fix", "u1"), ("flags", "u1"), ("", "V2"), ("lon", "<i4"), ("lat", "<i4"))
+_MOTION: Final = (
+    *(("height", "<i4"), ("", "V4"), ("sigma_level", "<u4"), ("sigma_height", "<u4")),
+    ("velocity", "<i4", (3,)),
 )
+_LAYOUTS: Final = {
+    PVAT: np.dtype(
+        [
+            *(("tow_ms", "<u4"), ("", "V1"), ("valid", "u1"), *_DATE, ("", "V14"), *_FIX, *_MOTION),
+            *(("", "V4"), ("sigma_speed", "<u4"), ("attitude", "<i4", (3,)), ("", "V4")),
+            ("sigma_attitude", "<u2", (3,)),
+        ]
+    ),
+    PVT: np.dtype(
+        [
+            *(("tow_ms", "<u4"), *_DATE, ("", "V3"), ("valid", "u1"), ("", "V8"), *_FIX, *_MOTION),
+            *(("", "V8"), ("sigma_speed", "<u4")),
+        ]
+    ),
+}
 _SOL_LAYOUT: Final = np.dtype(
     [
         *(("tow_ms", "<u4"), ("", "V4"), ("week", "<i2"), ("fix", "u1"), ("flags", "u1"), ("r", "<i4", (3,))),
@@ -62,6 +77,9 @@ _FIX_WITH_INERTIAL: Final = 4
 _M: Final = 1e-3  # the unit of lengths and speeds
 _CM: Final = 1e-2
 _DEG: Final = 1e-7
+_ATTITUDE_DEG: Final = 1e-5  # of NAV-PVAT; of its accuracies:
+_ACCURACY_DEG: Final = 1e-2
+_ROLL_VALID: Final = 3  # the bit of the flags; those of pitch and heading follow
 
 
 class SolvedEpochs(NamedTuple):
@@ -75,17 +93,27 @@ class SolvedEpochs(NamedTuple):
     fix: Bool  # (n,) in three dimensions
     inertial: Bool  # (n,) the receiver's own inertial sensor has a share
     name: str  # of the message
+    attitude: Float64 | None = (
+        None  # (n, 6) roll, pitch, yaw and their sigmas [deg], where the message states them
+    )
+
+    @property
+    def angles(self) -> Float64:
+        """Roll, pitch, yaw and their sigmas (n, 6) [deg], NaN where they are not stated."""
+        return np.full((len(self.t_ns), 6), np.nan) if self.attitude is None else self.attitude
 
 
 def solved_epochs(frames: UbxFrames) -> SolvedEpochs:
-    """Return the solutions of a file: of NAV-PVT, without any of NAV-SOL."""
-    return _pvt_epochs(frames) if frames.of(PVT) else _sol_epochs(frames)
+    """Return the solutions of a file: of NAV-PVAT, without any of NAV-PVT, without any of NAV-SOL."""
+    kind = next((kind for kind in _LAYOUTS if frames.of(kind)), None)
+    return _sol_epochs(frames) if kind is None else _pvt_epochs(frames, kind)
 
 
-def _pvt_epochs(frames: UbxFrames) -> SolvedEpochs:
-    """Return the solutions of NAV-PVT. The date gives the week, the milliseconds of the week the time in it."""
-    offsets = [offset for offset, length in frames.of(PVT) if length >= _LAYOUT.itemsize]
-    rows = records(frames.data, offsets, _LAYOUT)
+def _pvt_epochs(frames: UbxFrames, kind: int) -> SolvedEpochs:
+    """Return the solutions of NAV-PVT or NAV-PVAT. The date gives the week, the milliseconds the time in it."""
+    layout = _LAYOUTS[kind]
+    offsets = [offset for offset, length in frames.of(kind) if length >= layout.itemsize]
+    rows = records(frames.data, offsets, layout)
     month = (rows["year"].astype(np.int64) - 1970) * 12 + rows["month"] - 1
     begin = month.astype("datetime64[M]")
     day = begin.astype("datetime64[D]") + (rows["day"].astype(np.int64) - 1)
@@ -104,9 +132,19 @@ def _pvt_epochs(frames: UbxFrames) -> SolvedEpochs:
     fix = (rows["flags"] & _FIX_OK > 0) & np.isin(rows["fix"], (FIX_3D, _FIX_WITH_INERTIAL))
     inertial = rows["fix"] == _FIX_WITH_INERTIAL
     velocity = rows["velocity"] * _M
+    attitude = _attitude(rows) if kind == PVAT else None
+    name = "NAV-PVAT" if kind == PVAT else "NAV-PVT"
     return SolvedEpochs(
-        np.array(offsets, np.int64)[good], t_ns[good], place, velocity, sigma, fix, inertial, "NAV-PVT"
+        np.array(offsets, np.int64)[good], t_ns[good], place, velocity, sigma, fix, inertial, name, attitude
     )
+
+
+def _attitude(rows: Any) -> Float64:
+    """Return roll, pitch, heading of the vehicle and their sigmas (n, 6) [deg], NaN where they are not valid."""
+    valid = rows["flags"][:, None] >> np.arange(3) + _ROLL_VALID & 1 > 0
+    values = np.where(valid, rows["attitude"] * _ATTITUDE_DEG, np.nan)
+    sigma = np.where(valid, stated_sigmas(rows["sigma_attitude"] * _ACCURACY_DEG), np.nan)
+    return np.column_stack([values, sigma])
 
 
 def _finer(
@@ -154,15 +192,15 @@ def solution(
 
     If the receiver's own inertial sensor has a share in any of them, they are those of a filter.
     """
-    t_ns, place, velocity, sigma, fix, inertial = (
+    t_ns, place, velocity, sigma, fix, inertial, angles = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("t_ns", "place", "velocity", "sigma", "fix", "inertial")
+        for name in ("t_ns", "place", "velocity", "sigma", "fix", "inertial", "angles")
     )
     kept = distinct_rows(t_ns, fix & on_earth(place))
     if len(kept) < 2:
         return None, "satellites", []
-    stated = np.column_stack([stated_sigmas(sigma[kept]), np.full((len(kept), 3), np.nan)])
-    table = own_reference(t_ns[kept], place[kept], stated, velocity=velocity[kept])
+    stated = np.column_stack([stated_sigmas(sigma[kept]), angles[kept, 3:]])
+    table = own_reference(t_ns[kept], place[kept], stated, velocity=velocity[kept], attitude=angles[kept, :3])
     source: SolutionFrom = "filter" if inertial[kept].any() else "satellites"
     what = "solution with its inertial sensor" if source == "filter" else "fixes"
     names = " and ".join(sorted({part.name for part in parts if len(part.t_ns)}))
