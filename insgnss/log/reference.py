@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from insgnss.config.flight import Reference
-from insgnss.errors import InputError
+from insgnss.errors import ColumnError, InputError
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import read_csv_table
+from insgnss.log.csv.exact import most_bad_rows
+from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
-from insgnss.tables import Event, ReferenceTable
+from insgnss.log.own_solution import on_earth
+from insgnss.tables import Event, Int64, ReferenceTable
 
 
 def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[Event]]:
@@ -36,6 +38,9 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     table = read_csv_table(config.file, wanted_with_time(config, wanted))
     t_ns, rows, events = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
+    possible, impossible = _possible_rows(table, config)
+    if impossible:
+        t_ns, table, events = t_ns[possible], table.take(possible), events + impossible
     t_ns, order = np.unique(t_ns, return_index=True)
     if len(order) != table.n or (np.diff(order) < 0).any():
         detail = (
@@ -58,6 +63,36 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     )
     reference, left_out = _good_rows(reference, config)
     return reference, table.events + events + left_out
+
+
+def _possible_rows(table: CsvTable, config: Reference) -> tuple[Int64, list[Event]]:
+    """Return the rows whose position can be, and an event where others are left out.
+
+    Raises
+    ------
+    ColumnError : more than 5 % of the rows, and more than three, have an impossible position
+    """
+    names = config.columns.position
+    place = np.column_stack([table.columns[name] for name in names])
+    possible = on_earth(place)
+    bad = np.flatnonzero(~possible)
+    if not len(bad):
+        return np.flatnonzero(possible), []
+    k = next(
+        k for k in range(len(names)) if not on_earth(np.where(np.arange(3) == k, place[bad[:1]], 0.0))[0]
+    )
+    what = ("a latitude in degrees", "a longitude in degrees", "a height in metres")[k]
+    line, reason = int(table.line[bad[0]]), f"{place[bad[0], k]:g} is not {what}"
+    if len(bad) > min(most_bad_rows(table.n), table.n - 1):
+        raise ColumnError(
+            f"{reason}; {len(bad)} of {table.n} rows are so",
+            file=config.file,
+            line=line,
+            column=names[k],
+            advice="give reference.columns.position = [latitude, longitude, height] by the names of the columns",
+        )
+    detail = f"{config.file}:{line}, column '{names[k]}': {reason}; {len(bad)} such row(s) left out"
+    return np.flatnonzero(possible), [Event(None, "bad_row", detail)]
 
 
 def _good_rows(reference: ReferenceTable, config: Reference) -> tuple[ReferenceTable, list[Event]]:

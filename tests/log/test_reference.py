@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.config.flight import Reference
+from insgnss.config.flight import FlightConfig, Reference
+from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_S
-from insgnss.errors import ColumnError, InputError
+from insgnss.errors import ColumnError, ConfigError, InputError
 from insgnss.log.reference import read_reference
 from tests.log.writing import WEEK, write_lines
 
@@ -88,3 +89,36 @@ def test_limit_that_leaves_no_row_and_limit_without_a_column_are_errors(tmp_path
 def test_missing_position_column_is_named(tmp_path: Path) -> None:
     with pytest.raises(ColumnError, match="'h_m'"):
         read_reference(config(tmp_path, ["time_s,lat_deg,lon_deg,height", "1,48,9,300"]), WEEK)
+
+
+def test_latitude_that_cannot_be_is_an_error_where_the_columns_are_swapped(tmp_path: Path) -> None:
+    rows = ["time_s,lat_deg,lon_deg,h_m", "1,152.5,-27.5,300", "2,152.5,-27.5,300"]
+    with pytest.raises(ColumnError, match=r"152.5 is not a latitude in degrees; 2 of 2 rows") as refused:
+        read_reference(config(tmp_path, rows), WEEK)
+    assert (refused.value.line, refused.value.column) == (2, "lat_deg")
+    assert "reference.columns.position" in refused.value.advice
+
+
+def test_single_row_off_the_earth_is_left_out_and_told(tmp_path: Path) -> None:
+    rows = ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300", "2,48,900,300", "3,48,9,300"]
+    table, events = read_reference(config(tmp_path, rows), WEEK)
+    assert len(table.t_ns) == 2 and [event.kind for event in events] == ["bad_row"]
+    assert "reference.csv:3, column 'lon_deg': 900 is not a longitude in degrees; 1 such" in events[0].detail
+
+
+@pytest.mark.parametrize("key", ["lat_deg", "lon_deg"])
+def test_declared_start_off_the_earth_is_an_error_with_its_line(tmp_path: Path, key: str) -> None:
+    start = {"lat_deg": "48", "lon_deg": "9", "h_m": "300", "v_ned_mps": "[0, 0, 0]", "rpy_deg": "[0, 0, 0]"}
+    lines = ["[start]", *(f"{name} = {value}" for name, value in (start | {key: "460"}).items())]
+    flight = [
+        "gps_week = 2385",
+        "[imu]",
+        'files = ["a"]',
+        'grade = "mems"',
+        "[gnss]",
+        'files = ["b"]',
+        *lines,
+    ]
+    with pytest.raises(ConfigError, match="less than or equal to") as refused:
+        load_toml(write_lines(tmp_path / "flight.toml", flight), FlightConfig)
+    assert refused.value.key == f"start.{key}" and refused.value.line is not None

@@ -186,7 +186,7 @@ class _ColumnReader:
         self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp], filled: int
     ) -> None:
         """Raise when so many of a column's filled cells are such numbers that it is not damage of a few cells."""
-        most = min(_most_bad(filled), filled / 2)
+        most = min(most_bad_rows(filled), filled / 2)
         if len(bad) <= most:
             return
         texts = cells.take(pa.array(bad)).to_pylist()
@@ -203,7 +203,7 @@ class _ColumnReader:
     def check_share(self) -> None:
         """Raise when so many rows are bad that the file is something else than the flight file says."""
         total = len(self.lines) + sum(complaint.column is None for complaint in self.refused)
-        if len(self.refused) <= _most_bad(total):
+        if len(self.refused) <= most_bad_rows(total):
             return
         first = sorted(self.refused, key=lambda complaint: complaint.line)[:5]
         listed = "; ".join(
@@ -250,7 +250,7 @@ def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: st
     return first_events(complaints, event, path, outcome)
 
 
-def _most_bad(total: int) -> float:
+def most_bad_rows(total: int) -> float:
     """Return how many of so many rows may be bad before the file is something else than declared."""
     return max(MAX_BAD_SHARE * total, MAX_BAD_ROWS_SMALL_FILE)
 
