@@ -303,7 +303,7 @@ def equivalent_orders(array: AntennaArray) -> list[tuple[int, ...]]:
     return same
 
 
-def is_turned_over(C_nb: npt.ArrayLike, array: AntennaArray, sky: Sky) -> bool:
+def is_turned_over(C_nb: npt.ArrayLike, sky: Sky) -> bool:
     """Return whether most satellites would be below the antennas (which look along minus z of the body).
 
     That is what two swapped antennas of a symmetric array look like where lengths and angles cannot decide.

@@ -42,8 +42,7 @@ from insgnss.config.search import Grid, Search
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InputError
 from insgnss.filter.state import PSI
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.receiver.search_window import SignalScale
 from insgnss.receiver.supervisor import Predictions
 from insgnss.tables import Float64, Int8, Int64
@@ -210,10 +209,7 @@ def _sight(
 ) -> tuple[Float64, Float64]:
     """Return the lines of sight u_n of the entries (q, 3), and C_nb (n, 3, 3)."""
     r_e = trace.r_e + trace.C_eb @ np.array(aiding.lever_arm_m, np.float64)
-    C_ne = np.zeros((len(r_e), 3, 3))
-    for k in range(len(r_e)):
-        lat, lon, _ = ecef_to_geodetic(r_e[k])
-        ecef_to_ned_matrix(lat, lon, C_ne[k])
+    C_ne = ned_axes(geodetic(r_e))
     u_e = lines_of_sight(satellites.arcs, trace.t_ns[row], spans.satellite, r_e[row])
     return np.einsum("qij,qj->qi", C_ne[row], u_e), C_ne @ trace.C_eb
 

@@ -129,7 +129,7 @@ def acquire(
     floor = np.zeros(len(codes))
     for doppler in bins:
         looks = fft.fft(_folded(ready, float(doppler)), axis=1)
-        looks *= _delay_ramps(ready, code, float(doppler), carrier_hz, samples.sampling.rate_hz)
+        looks *= _delay_ramps(ready, float(doppler), carrier_hz, samples.sampling.rate_hz)
         for c, spectrum in enumerate(spectra):
             power = np.sum(np.abs(fft.ifft(looks * spectrum, axis=1)) ** 2, axis=0)
             floor[c] += np.median(power)
@@ -195,7 +195,7 @@ def _folded(ready: _BasebandLooks, doppler_hz: float) -> SingleComplex:
 
 
 def _delay_ramps(
-    ready: _BasebandLooks, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
+    ready: _BasebandLooks, doppler_hz: float, carrier_hz: float, rate_hz: float
 ) -> SingleComplex:
     """Return what shifts the looks' spectra to the delay that the code had at the first sample."""
     n = ready.y.shape[2]

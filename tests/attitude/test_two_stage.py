@@ -183,9 +183,9 @@ def test_swap_that_no_length_shows_turns_the_vehicle_over() -> None:
     found = solve(one)
 
     assert (0, 2, 1) in equivalent_orders(array) and equivalent_orders(four_antennas()) == []
-    assert found.is_valid and is_turned_over(found.C_nb, array, eight())
+    assert found.is_valid and is_turned_over(found.C_nb, eight())
     right = solve(epoch(array, eight(), np.random.default_rng(8))[1])
-    assert not is_turned_over(right.C_nb, array, eight())
+    assert not is_turned_over(right.C_nb, eight())
 
 
 def test_guess_of_the_attitude_serves_in_the_place_of_ranges() -> None:
