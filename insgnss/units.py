@@ -36,6 +36,7 @@ SI_PER_UNIT: Final[Mapping[str, float]] = MappingProxyType(
         "m/s^2": 1.0,
         "g": STANDARD_GRAVITY_MPS2,
         "mg": MPS2_PER_MG,
+        "cm/s^2": 1e-2,
         "m/s": 1.0,
         "km/h": 1.0 / 3.6,
         "mph": 0.44704,

@@ -41,7 +41,10 @@ def allan(
         str, typer.Option("--gyro-unit", help="Unit of a CSV log's gyros: rad/s, deg/s, rad, deg.")
     ] = "rad/s",
     accel_unit: Annotated[
-        str, typer.Option("--accel-unit", help="Unit of a CSV log's accelerometers: m/s^2, g, mg, m/s, g*s.")
+        str,
+        typer.Option(
+            "--accel-unit", help="Unit of a CSV log's accelerometers: m/s^2, g, mg, cm/s^2, m/s, g*s."
+        ),
     ] = "m/s^2",
     pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,

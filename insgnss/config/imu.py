@@ -66,7 +66,7 @@ class ImuConfig(LogTable):
         description="a rate is the mean over the interval that ends at its tag, or the value at its tag",
     )
     gyro_unit: Literal["rad/s", "deg/s", "rad", "deg"] = "rad/s"
-    accel_unit: Literal["m/s^2", "g", "mg", "m/s", "g*s"] = "m/s^2"
+    accel_unit: Literal["m/s^2", "g", "mg", "cm/s^2", "m/s", "g*s"] = "m/s^2"
     axes: tuple[str, str, str] = Field(
         ("+x", "+y", "+z"), description="which sensor axis points forward, right, down"
     )
@@ -125,6 +125,6 @@ class ImuConfig(LogTable):
             raise ValueError(
                 f"values = '{self.values}' does not go with gyro_unit = '{self.gyro_unit}',"
                 f" accel_unit = '{self.accel_unit}':"
-                " rates are in rad/s or deg/s and m/s^2, g or mg; increments in rad or deg and m/s or g*s"
+                " rates are in rad/s or deg/s and m/s^2, g, mg or cm/s^2; increments in rad or deg and m/s or g*s"
             )
         return self

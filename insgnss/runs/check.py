@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.imu import ImuGrade
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
@@ -141,7 +140,7 @@ def _inertial_log(
     if flight.config.imu is None:
         return [], False
     if track is not None:
-        _judge_rest_by_speed(findings, week, logs.imu, track, flight.imu_grade)
+        _judge_rest_by_speed(flight, findings, week, logs.imu, track)
     declared = declared_log(flight, None if changed else logs.imu)
     units = _accelerometer_findings(flight, declared, findings)
     if any(finding.proposals for finding in units):
@@ -165,7 +164,7 @@ def _inertial_log(
 
 
 def _judge_rest_by_speed(
-    findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack, grade: ImuGrade
+    flight: Flight, findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack
 ) -> None:
     """Replace the findings on the inertial log that were made without the vehicle's speed."""
     if imu is None:
@@ -173,10 +172,11 @@ def _judge_rest_by_speed(
     t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
     order = np.argsort(t_ns, kind="stable")
     speed = GroundSpeed(t_ns[order], np.linalg.norm(track.v_e, axis=1)[order], track.sd_v_mps[order])
-    before = imu_findings(imu, week)
+    accel_unit = inertial(flight.config).accel_unit
+    before = imu_findings(imu, week, accel_unit=accel_unit)
     at = min(findings.index(finding) for finding in before)
     findings[:] = [finding for finding in findings if finding not in before]
-    findings[at:at] = imu_findings(imu, week, speed, grade)
+    findings[at:at] = imu_findings(imu, week, speed, flight.imu_grade, accel_unit=accel_unit)
 
 
 def _with(flight: Flight, findings: list[Finding]) -> Flight:

@@ -41,7 +41,7 @@ def test_plain_log_is_read_as_it_stands(tmp_path: Path, rng: np.random.Generator
 
 @pytest.mark.parametrize(("gyro", "per_rad"), [("rad/s", 1.0), ("deg/s", 180.0 / np.pi)])
 @pytest.mark.parametrize(
-    ("accel", "per_mps2"), [("m/s^2", 1.0), ("g", 1.0 / G_MPS2), ("mg", 1000.0 / G_MPS2)]
+    ("accel", "per_mps2"), [("m/s^2", 1.0), ("g", 1.0 / G_MPS2), ("mg", 1000.0 / G_MPS2), ("cm/s^2", 100.0)]
 )
 def test_units_of_rates_are_converted(
     tmp_path: Path, rng: np.random.Generator, gyro: str, per_rad: float, accel: str, per_mps2: float

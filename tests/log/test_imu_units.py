@@ -171,7 +171,6 @@ def test_everyday_motion_gives_no_suspicion_either(motion: Motion, rng: np.rando
     ("factor", "declared", "fits"),
     [
         (1.0 / G_MPS2, {}, "accel_unit = 'g' fits"),
-        (1000.0 / G_MPS2, {}, "accel_unit = 'mg' fits"),
         (G_MPS2, {"accel_unit": "g"}, "accel_unit = 'm/s^2' fits"),
         (1e-3 * G_MPS2, {"accel_unit": "mg"}, "accel_unit = 'm/s^2' fits"),
         (1.0 / RATE_HZ, {}, "values = 'increments' with accel_unit = 'm/s' fits"),
@@ -190,6 +189,21 @@ def test_wrong_accelerometer_unit_is_an_error_that_names_the_right_one(
         check(w, f * factor, imu_config(LOG, **declared))
     assert fits in caught.value.advice
     assert caught.value.key == "imu.accel_unit"
+
+
+@pytest.mark.parametrize(("per_mps2", "unit"), [(1000.0 / G_MPS2, "mg"), (100.0, "cm/s^2")])
+def test_units_that_differ_by_two_per_cent_are_told_apart_by_a_steady_sensor_alone(
+    per_mps2: float, unit: str, rng: np.random.Generator
+) -> None:
+    """The forces of a stiff car are 2.3 % larger than g in the mean: those in cm/s^2 might be in mg."""
+    both = "accel_unit = 'mg' or accel_unit = 'cm/s^2' would fit"
+    for motion, told in ((at_rest, f"accel_unit = '{unit}' fits"), (stiff_car, both)):
+        w, f = motion(rng)
+        with pytest.raises(UnitsError) as caught:
+            check(w, f * per_mps2, imu_config(LOG))
+        alone = motion is at_rest or unit == "mg"
+        assert caught.value.advice == (f"accel_unit = '{unit}' fits" if alone else told)
+        assert len(caught.value.fits) == alone
 
 
 def test_gyros_in_degrees_declared_as_radians_are_seen_at_rest(rng: np.random.Generator) -> None:

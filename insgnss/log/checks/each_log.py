@@ -87,8 +87,8 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     else:
         declared = config.imu
         imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade))
-    if imu is not None:
-        findings += imu_findings(imu, config.gps_week)
+        if imu is not None:
+            findings += imu_findings(imu, config.gps_week, accel_unit=declared.accel_unit)
     receiver = None
     if config.gnss.files:
         receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))

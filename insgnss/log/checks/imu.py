@@ -11,6 +11,7 @@ from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import IMU_GAP_STEPS
+from insgnss.log.imu.units import alike_accel_unit
 from insgnss.log.imu.windows import ImuWindows, imu_windows
 from insgnss.tables import Bool, Float64, ImuTable, Int64
 
@@ -39,7 +40,12 @@ class GroundSpeed(NamedTuple):
 
 
 def imu_findings(
-    imu: ImuTable, week: int, speed: GroundSpeed | None = None, grade: ImuGrade | None = None
+    imu: ImuTable,
+    week: int,
+    speed: GroundSpeed | None = None,
+    grade: ImuGrade | None = None,
+    *,
+    accel_unit: str = "m/s^2",
 ) -> list[Finding]:
     """Return the findings on an inertial log: rate and jitter, gravity and noise at rest, tilt, suspicion of axes.
 
@@ -47,6 +53,7 @@ def imu_findings(
     ----------
     speed : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
     grade : the declared one; the noise is compared with it where the speed shows rest
+    accel_unit : the declared one
     """
     step_s = np.diff(imu.t_ns) / NS_PER_S
     median_s = float(np.median(step_s))
@@ -73,11 +80,11 @@ def imu_findings(
     resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
     if resting.sum() >= MIN_REST_WINDOWS:
         noise = [] if grade is None or not known.any() else _noise_findings(windows, resting, grade)
-        return findings + _rest_findings(windows, resting, "at rest") + noise
+        return findings + _rest_findings(windows, resting, "at rest", accel_unit) + noise
     moving = steady & known
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
-        return findings + _rest_findings(windows, moving, where)
+        return findings + _rest_findings(windows, moving, where, accel_unit)
     text = "never at rest: units, axes and tilt cannot be judged by gravity"
     return [*findings, Finding("ok", "imu", text)]
 
@@ -106,7 +113,7 @@ def _resting(windows: ImuWindows) -> Bool:
     return np.concatenate((pairs, [False])) | np.concatenate(([False], pairs))
 
 
-def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Finding]:
+def _rest_findings(windows: ImuWindows, resting: Bool, where: str, accel_unit: str) -> list[Finding]:
     f_b = np.median(windows.f_b[resting], axis=0)
     w = np.rad2deg(np.median(windows.w_ib_b[resting], axis=0))
     size = float(np.median(np.linalg.norm(windows.f_b[resting], axis=1)))
@@ -116,7 +123,11 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Findi
     advice = (
         "" if severity == "ok" else "accelerometer bias or scale error: choose a grade that allows for it"
     )
+    alike = None if severity == "ok" else alike_accel_unit(accel_unit, size)
     gravity = f"{where} for {seconds:.0f} s: |f| = {size:.4f} m/s^2 ({100.0 * off:+.2f} % of g)"
+    if alike is not None:
+        gravity += f", as if the column were in {alike}"
+        advice = f"if it is, write imu.accel_unit = '{alike}' in place of '{accel_unit}'; else {advice}"
     rates = f"{where} the gyros show {w[0]:+.4f} {w[1]:+.4f} {w[2]:+.4f} deg/s"
     findings = [
         Finding("warning" if severity == "warning" else "ok", "imu", gravity, advice),

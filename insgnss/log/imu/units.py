@@ -21,6 +21,9 @@ from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 MIN_QUIET_WINDOWS: Final = 4
 # Of |f| / g at rest: consumer sensors are off by 2 to 3 %, gravity itself varies by 0.5 %
 REST_TOLERANCE: Final = 0.10
+UNITS_APART: Final = (
+    0.01  # of g: as much worse a unit must be to count as wrong; mg and cm/s^2 differ by twice that
+)
 UNIT_TOLERANCE: Final = 0.07  # how well a wrong unit must explain |f| in one window; the median to half of it
 TRUSTED_SHARE: Final = 0.2  # so many quiet windows at g prove the unit: a rocket rests before its flight
 AGREEING_SHARE: Final = 0.5  # of the quiet windows must show what the wrong unit would
@@ -88,7 +91,7 @@ def _check_accelerometer(
         shown *= mean_ns / NS_PER_S
     where = "while the sensor is at rest or steady" if at_rest else "in the middle of the log"
     found = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
-    fitting = [unit for unit, ratio in _other_units(config, mean_ns) if _fits(seen, ratio, at_rest)]
+    fitting = _fitting_units(seen, config, mean_ns, at_rest)
     if not fitting:
         return [Event(None, "units_suspicion", f"{file}: {found}")] if at_rest else []
     texts = [_declaration(unit, config) for unit in fitting]
@@ -118,7 +121,7 @@ def fitting_accel_units(imu: ImuTable, config: ImuConfig) -> list[str]:
     size = np.linalg.norm(windows.f_b, axis=1) / STANDARD_GRAVITY_MPS2
     quiet = windows.quiet()
     seen = size[quiet] if int(quiet.sum()) >= MIN_QUIET_WINDOWS else size
-    fits = [unit for unit, ratio in _other_units(config, mean_ns) if _fits(seen, ratio, False)]
+    fits = _fitting_units(seen, config, mean_ns, False)
     declared = abs(float(np.median(seen)) - 1.0) < REST_TOLERANCE
     return [config.accel_unit, *fits] if declared else fits
 
@@ -162,7 +165,29 @@ def _other_units(config: ImuConfig, mean_ns: float) -> list[tuple[str, float]]:
     return [(unit, factor / declared) for unit, factor in factors.items() if unit != config.accel_unit]
 
 
-_ACCEL_UNITS: Final = ("m/s^2", "g", "mg", "m/s", "g*s")
+_ACCEL_UNITS: Final = ("m/s^2", "g", "mg", "cm/s^2", "m/s", "g*s")
+
+
+def _fitting_units(size_g: Float64, config: ImuConfig, mean_ns: float, at_rest: bool) -> list[str]:
+    """Return the other units that explain |f|; of mg and cm/s^2 the nearer one, if |f| is steady enough to tell."""
+    middle = float(np.median(size_g))
+    ratios = {unit: ratio for unit, ratio in _other_units(config, mean_ns) if _fits(size_g, ratio, at_rest)}
+    off = {unit: abs(middle * ratio - 1.0) for unit, ratio in ratios.items()}
+    is_steady = float(np.std(size_g)) < 0.5 * UNITS_APART * middle
+    return [unit for unit in off if not is_steady or off[unit] < min(off.values()) + UNITS_APART]
+
+
+def alike_accel_unit(declared: str, size_mps2: float) -> str | None:
+    """Return the unit that differs from the declared one by a few per cent and makes |f| at rest g, None without one.
+
+    Equation: 1 mg = 0.980665 cm/s^2
+    """
+    for unit in _ACCEL_UNITS:
+        ratio = SI_PER_UNIT[unit] / SI_PER_UNIT[declared]
+        fits = abs(size_mps2 * ratio / STANDARD_GRAVITY_MPS2 - 1.0) < 0.5 * UNITS_APART
+        if fits and unit != declared and abs(ratio - 1.0) < REST_TOLERANCE:
+            return unit if _values_of(unit) == _values_of(declared) else None
+    return None
 
 
 def _fits(size_g: Float64, ratio: float, at_rest: bool) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import imu_grade
-from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK
+from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
@@ -23,7 +23,7 @@ from insgnss.log.checks.time_offset import (
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.tables import ImuTable
-from insgnss.units import MPS2_PER_MG
+from insgnss.units import MPS2_PER_MG, SI_PER_UNIT
 from tests.conftest import REPOSITORY
 from tests.log.writing import WEEK, Float64
 
@@ -221,6 +221,27 @@ def test_noise_at_rest_is_compared_with_the_grade(sensor: str, key: str, times: 
     assert [f"the {sensor} have a noise" in f.text and key in f.advice for f in told] == [True] * (
         times > 3.0
     )
+
+
+@pytest.mark.parametrize(
+    ("declared", "written", "told"),
+    [
+        ("mg", "cm/s^2", "(-1.93 % of g), as if the column were in cm/s^2"),
+        ("cm/s^2", "mg", "(+1.97 % of g), as if the column were in mg"),
+        ("m/s^2", "m/s^2", "(+0.00 % of g)"),
+    ],
+)
+def test_unit_that_is_mistaken_for_a_scale_error_is_named(declared: str, written: str, told: str) -> None:
+    """1 mg is 0.980665 cm/s^2: gravity at rest is off by 1.9 %, as a poor sensor's is."""
+    at_rest = steady_imu(60)
+    size = np.linalg.norm(at_rest.f_b[0]) / STANDARD_GRAVITY_MPS2
+    imu = replace(at_rest, f_b=at_rest.f_b / size * SI_PER_UNIT[declared] / SI_PER_UNIT[written])
+    finding = next(found for found in imu_findings(imu, 0, accel_unit=declared) if "|f|" in found.text)
+    assert finding.text.endswith(told)
+    assert (f"imu.accel_unit = '{written}'" in finding.advice) is (declared != written)
+    # off by as much, and no unit explains it
+    biased = replace(at_rest, f_b=1.03 * at_rest.f_b / size)
+    assert not any("as if" in found.text for found in imu_findings(biased, 0, accel_unit=declared))
 
 
 def test_rest_counts_only_where_the_vehicle_stood() -> None:
