@@ -18,7 +18,8 @@ import pandas as pd
 import pytest
 
 from insgnss.errors import ResultError
-from insgnss.results.saving import RECORD, check_replaceable, overwriting, saving, settle, write_file
+from insgnss.results.record import RECORD
+from insgnss.results.saving import check_replaceable, overwriting, saving, settle, write_file
 from insgnss.runs.result import TABLES, Run
 from tests.small_run import small_run
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from insgnss.config.files import existing_file
 from insgnss.errors import InputError
-from insgnss.results.saving import file_digest
+from insgnss.results.record import file_digest
 from insgnss.tables import Int64
 
 GZIP_MAGIC = b"\x1f\x8b"

@@ -165,7 +165,7 @@ class Flight(ResultDisplay):
                 continue
             table, found = read_sensor(sensor, self.config.gps_week, self.config.sensor)
             tables.append(table)
-            # a column that two sensors of one file leave is told once
+            # an event of columns that two sensors of one file leave unread: once
             events += [event for event in found if event.kind != "columns_not_read" or event not in events]
             events += sensor_outside(imu.t_ns, table, self.config.gps_week)
         return tuple(tables), events

@@ -26,16 +26,15 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from insgnss.errors import ResultError
+from insgnss.results.record import RECORD, Entries, entries_in, file_digest, require_sound_record
 
 if sys.platform != "win32":
     import fcntl
 
-RECORD: Final = ".insgnss.json"  # what this program wrote into a folder
 _PENDING: Final = ".insgnss-pending"  # a save that is whole, whose files are not in their places yet
 _NEW: Final = ".insgnss-new-"  # a save that is not whole; then host, process and a random number
 _HOST: Final = hashlib.sha256(socket.gethostname().encode("utf-8", "replace")).hexdigest()[:8]
 _MERGED: Final = f"{RECORD}-new"
-_Entries = dict[str, dict[str, str]]  # of each file: its kind and its hash
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:
     check_writable(folder)
     settle(folder)
     permission = _permission.get()
-    known: _Entries | None = None
+    known: Entries | None = None
     for name in names:
         path = folder / name
         if not os.path.lexists(path):
@@ -201,7 +200,7 @@ def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:
             raise ResultError(f"the {kind} would replace an input", file=path, advice="give another --output")
         if permission.force:
             continue
-        known = _entries(folder) if known is None else known
+        known = entries_in(folder) if known is None else known
         why = _why_not_ours(path, known.get(name), kind)
         if why:
             raise ResultError(f"the {kind} would replace this file, {why}", file=path, advice=_FORCE_IT)
@@ -269,7 +268,7 @@ def _settle(folder: Path) -> None:
             for name in wrote:
                 with suppress(FileNotFoundError):  # moved before
                     os.replace(pending / name, folder / name)
-            merged = {**_entries(folder), **wrote}
+            merged = {**entries_in(folder), **wrote}
             kept = {name: entry for name, entry in merged.items() if (folder / name).exists()}
             (pending / _MERGED).write_text(json.dumps(kept, indent=1), encoding="utf-8")
             os.replace(pending / _MERGED, folder / RECORD)
@@ -282,7 +281,7 @@ def _settle(folder: Path) -> None:
         ) from error
 
 
-def _told(record: Any) -> tuple[_Entries, list[str]]:
+def _told(record: Any) -> tuple[Entries, list[str]]:
     """Return the files that a pending save wrote and removes: names in its folder, no paths that lead out of it."""
     wrote, removed = dict(record["wrote"]), list(record["removed"])
     strange = [name for name in (*wrote, *removed) if not isinstance(name, str) or Path(name).name != name]
@@ -304,61 +303,9 @@ def reading(folder: Path) -> Iterator[None]:
         settle(folder)
         with _locked(folder, shared=True):
             if not (folder / _PENDING).is_dir():
-                _require_sound_record(folder / RECORD)
+                require_sound_record(folder)
                 yield
                 return
-
-
-def _require_sound_record(path: Path) -> None:
-    """Refuse a record that does not state the kind and the hash of each of its files: nothing could be compared.
-
-    Raises
-    ------
-    ResultError : it was cut or changed
-    OSError : it cannot be read
-    """
-    if not path.exists():
-        return
-    why = "it is not a table of files"
-    try:
-        record: Any = json.loads(path.read_text(encoding="utf-8"))
-        entries = record.items() if isinstance(record, dict) else [("", None)]
-    except (ValueError, RecursionError) as error:
-        why, entries = str(error), [("", None)]
-    for name, entry in entries:
-        stated = entry if isinstance(entry, dict) else {}
-        if not all(isinstance(stated.get(key), str) for key in ("kind", "sha256")):
-            reason = f"the entry of '{name}' lacks its kind or hash" if name else why
-            advice = (
-                "copy the whole folder again, or write its results again into a new folder; to use its files"
-            )
-            raise ResultError(
-                f"the record of the files in this folder is damaged: {reason}",
-                file=path,
-                advice=f"{advice} without comparing them with what was saved, remove this record",
-            )
-
-
-def first_changed(folder: Path, names: Iterable[str], kind: str) -> Path | None:
-    """Return the first of these files that is not the one that was saved here as ``kind``, None where all are.
-
-    A file that is missing is not compared, and none where the folder's record has no file of this kind.
-
-    Raises
-    ------
-    OSError : a file cannot be read
-    """
-    entries = _entries(folder)
-    for name in names if saved_as(kind, folder) else ():
-        path, stated = folder / name, entries.get(name, {}).get("sha256")
-        if path.is_file() and stated != file_digest(path):
-            return path
-    return None
-
-
-def saved_as(kind: str, folder: Path) -> tuple[str, ...]:
-    """Return the names of the files that were saved in a folder as ``kind``, as its record states."""
-    return tuple(name for name, entry in _entries(folder).items() if entry.get("kind") == kind)
 
 
 def _commit(save: _Save, folder: Path, kind: str) -> None:
@@ -373,16 +320,6 @@ def _commit(save: _Save, folder: Path, kind: str) -> None:
         _settle(folder)
         os.rename(save.new, folder / _PENDING)
         _settle(folder)
-
-
-def _entries(folder: Path) -> _Entries:
-    """Return the record of the files in a folder; an unreadable record is empty."""
-    try:
-        record: Any = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    entries = record.items() if isinstance(record, dict) else ()
-    return {str(name): entry for name, entry in entries if isinstance(entry, dict)}
 
 
 def _remove_abandoned(folder: Path) -> None:
@@ -403,9 +340,3 @@ def _is_running(process: str) -> bool:
     except (OSError, OverflowError):
         return True
     return True
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal digits."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -16,7 +16,8 @@ from pandas.api.types import is_bool_dtype, is_numeric_dtype
 
 from insgnss.config.changes import entry
 from insgnss.errors import ResultError
-from insgnss.results.saving import RECORD, first_changed, reading, saved_as
+from insgnss.results.record import RECORD, first_changed, saved_as
+from insgnss.results.saving import reading
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"

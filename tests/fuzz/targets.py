@@ -40,7 +40,8 @@ from insgnss.report.export import as_csv
 from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml
-from insgnss.results.saving import RECORD, saving, write_file
+from insgnss.results.record import RECORD
+from insgnss.results.saving import saving, write_file
 from insgnss.runs.result import TABLES, Run
 from insgnss.studies.campaign.study import load_campaign, tasks_of
 from insgnss.tables import GnssTable

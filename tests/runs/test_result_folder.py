@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from insgnss.cli.main import app
 from insgnss.errors import ResultError
-from insgnss.results.saving import RECORD
+from insgnss.results.record import RECORD
 from insgnss.runs.result import Run
 from tests.small_run import small_run
 

@@ -26,7 +26,7 @@ class ColumnSelection:
     of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal`` is the mark before the
     decimals of all numbers. The numbers of columns named ``together`` lie side by side in memory where the file has all
     of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional. What is
-    read ``elsewhere``, by another sensor of the same file, is not told as unread.
+    read ``elsewhere``, by another sensor of the same file, is not reported as unread.
     """
 
     numeric: Sequence[str] = ()

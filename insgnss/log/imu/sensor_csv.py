@@ -55,7 +55,7 @@ def read_sensor(config: Sensor, week: int, sensors: Sequence[Sensor] = ()) -> tu
 
     Parameters
     ----------
-    sensors : all of the flight; what another of them reads from the same file is not told as unread
+    sensors : all of the flight; what another of them reads from the same file is not reported as unread
 
     Raises
     ------
