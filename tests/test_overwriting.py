@@ -128,5 +128,5 @@ def test_place_that_cannot_be_written_stops_a_command_before_it_begins(
         monkeypatch.setattr(f"insgnss.cli.{work}.run_replay", no_work)
     (tmp_path / "file").write_text("mine")
     code, told = ended(*command, "--output", tmp_path / "file" / "study")
-    assert code == 5 and "is not a folder" in told and "--output" in told
+    assert code == 5 and "is a file" in told and "--output" in told
     assert (tmp_path / "file").read_text() == "mine"

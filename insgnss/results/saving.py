@@ -171,7 +171,7 @@ def check_writable(folder: Path) -> None:
     there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
     why = ""
     if not there.is_dir():
-        why = f"'{there}' is not a folder, so no file can be inside it"
+        why = f"'{there}' is a file, so no file can be inside it"
     elif not os.access(there, os.W_OK | os.X_OK):
         why = f"the system does not let you write into '{there}'"
     if why:
