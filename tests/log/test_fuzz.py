@@ -158,7 +158,7 @@ def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> Non
     assert config.gps_week >= 0 and config.imu.files
 
 
-@settings(max_examples=150)
+@settings(max_examples=300)
 @given(data=st.binary(max_size=200))
 def test_any_bytes(path: Path, data: bytes) -> None:
     path.write_bytes(b"a,b,c\n" + data)
@@ -169,14 +169,14 @@ def test_any_bytes(path: Path, data: bytes) -> None:
     assert np.isfinite(table.columns["a"]).all() and len(table.line) == table.n
 
 
-@settings(max_examples=100)
+@settings(max_examples=200)
 @given(cells=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50))
 def test_every_float_comes_back_as_written(path: Path, cells: list[float]) -> None:
     path.write_text("a\n" + "".join(f"{cell!r}\n" for cell in cells))
     assert read_csv_table(path, ColumnSelection(numeric=("a",))).columns["a"].tolist() == cells
 
 
-@settings(max_examples=100)
+@settings(max_examples=200)
 @given(
     rows=st.lists(
         st.sampled_from(["1,2", "x,2", ",2", "1,2,3", "1", "", "# c", "nan,1", "2,", "5,inf"]), max_size=60
