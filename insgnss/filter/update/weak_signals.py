@@ -7,12 +7,13 @@ have, the residuals look sound: a filter that begins with thermal noise alone ne
 the assumption s (``adaptation.weak_signal_m_per_db``), and residuals take it back where the sky is open:
 
     r = f r_0 + k a,   a = (s w)^2,   w the weakness of the signal (``signal_weakness``)
-    k = (n + sum p^2 (e^2 - q f r_0) / a) / (n + sum p^2 q),   n = 2
+    k = (n + sum p^2 (e^2 - q f r_0) / a) / (n + sum p^2 q),   n = 4 / (2 + sum p^2 q)
 
 over the rows with w > 0, which fade with the time constant of all levels; e is the residual of a row against the
 others, of variance q r (``integrity``), f r_0 its variance without weakness. p = a / (f r_0 + a) is how clearly a row
 shows k: by the estimator of least variance p^2 is its weight. Rows outside their gate count, as weak ones are refused
-where k is too small.
+where k is too small. The assumption is a guess of where the log was made: it counts as two rows, and as fewer the more
+rows there are. With n = 2 to the end a minute under an open sky leaves k = 0.01, which is still 2 m at 10 dB.
 None counts more than three sigmas, and of each epoch the largest e^2 / (q r) does not count: one satellite that is
 wrong is a fault, and no weakness. Of six normal errors the others show 0.6 of k. k is at least zero. A point
 solution, which can learn nothing, takes k = 1 for rows whose sigma the log does not state.
