@@ -129,9 +129,8 @@ class Calendar:
             return _join([pa.scalar(f"{self.date}", time.type), time], "T")
         date = _of_parts(stripped[:n_date], "-") if n_date else time
         if n_date == 2:
-            date = pc.replace_substring_regex(
-                date, r"-(\d\d)$", r"-0\1"
-            )  # a day of the year has three digits
+            # a day of the year has three digits
+            date = pc.replace_substring_regex(date, r"-(\d\d)$", r"-0\1")
         return _join([date, time], "T") if n_date else time
 
 

@@ -21,9 +21,8 @@ from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 MIN_QUIET_WINDOWS: Final = 4
 # Of |f| / g at rest: consumer sensors are off by 2 to 3 %, gravity itself varies by 0.5 %
 REST_TOLERANCE: Final = 0.10
-UNITS_APART: Final = (
-    0.01  # of g: as much worse a unit must be to count as wrong; mg and cm/s^2 differ by twice that
-)
+# of g: by so much a unit must be worse than another to count as wrong; mg and cm/s^2 differ by twice that
+UNITS_APART: Final = 0.01
 UNIT_TOLERANCE: Final = 0.07  # how well a wrong unit must explain |f| in one window; the median to half of it
 TRUSTED_SHARE: Final = 0.2  # so many quiet windows at g prove the unit: a rocket rests before its flight
 AGREEING_SHARE: Final = 0.5  # of the quiet windows must show what the wrong unit would

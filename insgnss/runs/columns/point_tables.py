@@ -11,9 +11,9 @@ time_s: receiver time tag, seconds of the GPS week
 x_m y_m z_m: position of the antenna, ECEF, WGS-84; empty where the epoch has no solution
 lat_deg lon_deg h_m: the same as latitude, longitude and height above the ellipsoid
 vn_mps ve_mps vd_mps: velocity north, east, down
-sd_n_m sd_e_m sd_d_m: one sigma of position
+sd_n_m sd_e_m sd_d_m: one sigma of position: at the measurements' sigmas, larger where their residuals scatter more
 cov_ne_m2 cov_nd_m2 cov_ed_m2: covariances of position
-sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of velocity
+sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of velocity, the same way
 cov_vne_m2ps2 cov_vnd_m2ps2 cov_ved_m2ps2: covariances of velocity
 clock_*_m sd_clock_*_m: receiver clock against each constellation's time, and its sigma; QZSS's differs from GPS's by
   zero with a sigma of `process.qzss_offset_sigma_m`
