@@ -46,7 +46,7 @@ class GnssColumns(LogColumns):
 
     sv: ColumnName = "sv"
     system: ColumnName = Field(
-        NO_COLUMN, description="of constellations, where the column of satellites holds bare numbers"
+        NO_COLUMN, description="column of constellations, where the satellites are bare numbers"
     )
     signal: ColumnName = "signal"
     pseudorange: ColumnName = "pseudorange_m"
@@ -106,9 +106,9 @@ class Base(ObservationLog):
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
     h_m: Height = Field(
-        description="of the antenna above the ellipsoid, in the frame of the satellites' orbits"
+        description="height of the antenna above the ellipsoid, in the frame of the satellites' orbits"
     )
-    max_age_s: Positive = Field(30.0, description="how far in time a correction may be from its use")
+    max_age_s: Positive = Field(30.0, description="largest age of a correction")
     same_receiver: bool = Field(
         False, description="base and flight have receivers of one type: their signals share one clock"
     )
@@ -193,8 +193,8 @@ class GivenStart(StrictModel):
     )
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    h_m: Height = Field(description="above the ellipsoid [m]")
-    v_ned_mps: Velocity = Field(description="north, east, down [m/s]")
+    h_m: Height = Field(description="height above the ellipsoid [m]")
+    v_ned_mps: Velocity = Field(description="velocity north, east, down [m/s]")
     rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
     sd_position_m: float = Field(30.0, gt=0.0, le=1e7, description="one sigma per axis [m]")
     sd_velocity_mps: float = Field(1.0, gt=0.0, le=2e4, description="one sigma per axis [m/s]")
@@ -214,7 +214,7 @@ class ReferenceColumns(LogColumns):
     attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
         ("roll_deg", "pitch_deg", "yaw_deg"), description="roll, pitch, yaw"
     )
-    quality: ColumnName = Field("quality", description="of each fix")
+    quality: ColumnName = Field("quality", description="column of each fix's quality number")
     sigma_position: tuple[ColumnName, ColumnName, ColumnName] = Field(
         ("sd_n_m", "sd_e_m", "sd_d_m"), description="north, east, down"
     )
@@ -263,14 +263,14 @@ class AttitudeConfig(StrictModel):
         None, description="where the antennas sit: a name in models/vehicles, or a file ending in .toml"
     )
     main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
-    phase_sigma_m: Positive = Field(0.002, description="of one antenna's phase at 45 dBHz")
+    phase_sigma_m: Positive = Field(0.002, description="noise of one antenna's phase at 45 dBHz")
     phase_floor_m: NotNegative = Field(
         0.0, description="white noise of one antenna's phase whatever its C/N0, in addition"
     )
     phase_elevation_m: NotNegative = Field(
         0.0, description="and white noise that grows as one over the sine of the elevation"
     )
-    multipath_sigma_m: NotNegative = Field(0.003, description="of one antenna's phase, in addition")
+    multipath_sigma_m: NotNegative = Field(0.003, description="further noise of one antenna's phase")
     multipath_time_s: NotNegative = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
         2.0, description="least ratio of the second-best integer solution's loss to the best's"

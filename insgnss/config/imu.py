@@ -39,14 +39,20 @@ class ImuGrade(StrictModel):
     gyro_range_deg_per_s: Positive | None = None
     accel_range_g: Positive | None = None
     # of data sheets or an Allan deviation that say more; quantisation and bandwidth are the simulation's alone
-    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NotNegative = Field(0.0, description="of the bias")
-    gyro_misalignment_mrad: NotNegative = Field(0.0, description="of each axis against the other two")
+    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NotNegative = Field(
+        0.0, description="random walk of the bias"
+    )
+    gyro_misalignment_mrad: NotNegative = Field(
+        0.0, description="misalignment of each axis against the other two"
+    )
     gyro_g_sensitivity_deg_per_h_per_g: NotNegative = 0.0
-    gyro_quantisation_deg: NotNegative = Field(0.0, description="of an angle increment")
+    gyro_quantisation_deg: NotNegative = Field(0.0, description="smallest step of an angle increment")
     gyro_bandwidth_hz: Positive | None = None
-    accel_random_walk_mg_per_sqrt_h: NotNegative = Field(0.0, description="of the bias")
-    accel_misalignment_mrad: NotNegative = Field(0.0, description="of each axis against the other two")
-    accel_quantisation_mps: NotNegative = Field(0.0, description="of a velocity increment")
+    accel_random_walk_mg_per_sqrt_h: NotNegative = Field(0.0, description="random walk of the bias")
+    accel_misalignment_mrad: NotNegative = Field(
+        0.0, description="misalignment of each axis against the other two"
+    )
+    accel_quantisation_mps: NotNegative = Field(0.0, description="smallest step of a velocity increment")
     accel_bandwidth_hz: Positive | None = None
     source: str = ""
 
@@ -57,7 +63,7 @@ class ImuConfig(LogTable):
     files: tuple[Path, ...] = Field(min_length=1)
     accel_files: tuple[Path, ...] = Field(
         (),
-        description="of the accelerometers, where files are those of the gyros alone; columns may then repeat",
+        description="logs of the accelerometers, where files are those of the gyros alone; columns may then repeat",
     )
     columns: ImuColumns = ImuColumns()
     values: Literal["rates", "increments"] = "rates"
@@ -72,7 +78,7 @@ class ImuConfig(LogTable):
     )
     gyro_axes: tuple[str, str, str] | None = Field(
         None,
-        description="the same of the gyros where it is not that of the accelerometers; both may then be left-handed",
+        description="axes of the gyros, where they differ from the accelerometers'; both may then be left-handed",
     )
     mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
         None, description="C_bs, sensor axes to body axes; instead of axes"

@@ -13,10 +13,13 @@ class Integrity(StrictModel):
 
     risk: Probability = Field(
         1e-7,
-        description="that an error exceeds its protection level without an alert, per row; half of it vertical",
+        description="probability of an error beyond its protection level without an alert, per row; half is vertical",
     )
-    false_alert: Probability = Field(1e-5, description="that a row raises an alert without a fault")
-    satellite_fault: Probability = Field(1e-5, description="that a satellite in view is faulty")
+    false_alert: Probability = Field(
+        1e-5, description="probability that a row raises an alert without a fault"
+    )
+    satellite_fault: Probability = Field(1e-5, description="probability that a satellite in view is faulty")
     constellation_fault: Probability = Field(
-        1e-6, description="that a whole constellation is faulty; monitored where there are two at least"
+        1e-6,
+        description="probability that a whole constellation is faulty; monitored where there are two at least",
     )

@@ -38,14 +38,14 @@ class SensorLog(LogTable):
     """The keys of every further sensor's table."""
 
     kind: str
-    name: Name = Field("", description="of the sensor in ledger, columns and events; its kind when left out")
+    name: Name = Field("", description="name in tables, columns and events; its kind when left out")
     files: tuple[Path, ...] = Field(
         (), description="its log, one file after the other; none: values come live"
     )
     interval_s: NotNegative = Field(
         0.1, description="readings that follow sooner are left out (a fifth less passes as jitter)"
     )
-    correlation_time_s: NotNegative = Field(1.0, description="how long the readings' noise lasts")
+    correlation_time_s: NotNegative = Field(1.0, description="correlation time of the readings' noise")
     gate_sigma: Positive = Field(4.0, description="a reading further from its prediction is refused")
 
     @property
@@ -67,7 +67,9 @@ class SensorLog(LogTable):
 class OdometerColumns(LogColumns):
     """Names of the columns of an odometer's log."""
 
-    speed: ColumnName = Field("speed", description="or the count of pulses, see metres_per_count")
+    speed: ColumnName = Field(
+        "speed", description="column of the speed, or of the count of pulses (metres_per_count)"
+    )
     sigma: ColumnName = "sd_speed"
 
 
@@ -87,8 +89,8 @@ class Odometer(SensorLog):
     )
     sigma_mps: Positive = Field(0.1, description="noise of a reading")
     sigma_share: NotNegative = Field(0.01, description="noise in proportion to the speed: slip")
-    scale_sigma: Positive = Field(0.03, description="of the unknown scale factor, at the start")
-    scale_walk_per_sqrt_h: NotNegative = Field(0.002, description="how the scale factor wanders")
+    scale_sigma: Positive = Field(0.03, description="sigma of the unknown scale factor at the start")
+    scale_walk_per_sqrt_h: NotNegative = Field(0.002, description="random walk of the scale factor")
     gate_sigma: Positive = 3.0
 
     @property
@@ -116,15 +118,17 @@ class Barometer(SensorLog):
     columns: BarometerColumns = BarometerColumns()
     unit: Literal["hPa", "Pa", "kPa", "m", "ft"] = Field("hPa", description="m and ft: pressure altitude")
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the pressure port")
-    sigma_m: Positive = Field(1.0, description="of a reading: noise, gusts, draught")
+    sigma_m: Positive = Field(1.0, description="noise of a reading, with gusts and draught")
     correlation_time_s: NotNegative = 2.0
     offset_sigma_m: Positive = Field(
-        100.0, description="of the offset at the start: the day's pressure at sea level, and the geoid"
+        100.0, description="sigma of the offset at the start: the day's pressure at sea level, and the geoid"
     )
-    drift_sigma_m: Positive = Field(30.0, description="of the weather: Gauss-Markov with drift_time_s")
+    drift_sigma_m: Positive = Field(
+        30.0, description="sigma of the weather's changes, Gauss-Markov with drift_time_s"
+    )
     drift_time_s: Positive = 86_400.0
     scale_sigma: Positive = Field(
-        0.03, description="of height per altitude: 10 K from the standard atmosphere make 3.5 %"
+        0.03, description="sigma of height per altitude: 10 K from the standard atmosphere make 3.5 %"
     )
 
     @property
@@ -157,21 +161,23 @@ class Magnetometer(SensorLog):
         None, description="C_bs, sensor axes to body axes; instead of axes"
     )
     declination_deg: Angle = Field(
-        description="of the place and year: magnetic north east of true north, as a calculator of the World Magnetic"
-        " Model says"
+        description="declination of place and year: magnetic north east of true north, by a calculator of the World"
+        " Magnetic Model"
     )
-    declination_sigma_deg: AngleSigma = Field(
-        0.5, description="of the part that the calculator does not model"
-    )
+    declination_sigma_deg: AngleSigma = Field(0.5, description="sigma of what the calculator does not model")
     horizontal_ut: Positive = Field(
         description="horizontal intensity of the field [uT], from the same calculator; 15 to 40 at most places"
     )
-    horizontal_share: Positive = Field(0.03, description="its sigma, with the sensor's scale")
-    sigma_ut: Positive = Field(0.5, description="of a reading, per axis")
-    hard_iron_sigma_ut: Positive = Field(
-        2.0, description="of the vehicle's own field along each axis, at the start"
+    horizontal_share: Positive = Field(
+        0.03, description="relative sigma of the horizontal intensity, with the sensor's scale"
     )
-    hard_iron_walk_ut_per_sqrt_h: NotNegative = Field(0.5, description="how it wanders")
+    sigma_ut: Positive = Field(0.5, description="noise of a reading, per axis")
+    hard_iron_sigma_ut: Positive = Field(
+        2.0, description="sigma of the vehicle's own field along each axis at the start"
+    )
+    hard_iron_walk_ut_per_sqrt_h: NotNegative = Field(
+        0.5, description="random walk of the vehicle's own field"
+    )
     gate_sigma: Positive = 3.0
 
     @model_validator(mode="after")
@@ -201,10 +207,16 @@ class HeadingSensor(SensorLog):
 
     kind: Literal["heading"]
     columns: HeadingColumns = HeadingColumns()
-    unit: Literal["deg", "rad"] = Field("deg", description="of headings, clockwise from north, and sigmas")
-    declination_deg: Angle = Field(0.0, description="added: of a heading from magnetic north")
-    offset_deg: Angle = Field(0.0, description="added: the vehicle's heading minus that of the device")
-    offset_sigma_deg: AngleSigma = Field(0.5, description="of the remaining uncertainty")
+    unit: Literal["deg", "rad"] = Field(
+        "deg", description="unit of headings, clockwise from north, and of sigmas"
+    )
+    declination_deg: Angle = Field(
+        0.0, description="is added to the headings: the declination where they are from magnetic north"
+    )
+    offset_deg: Angle = Field(
+        0.0, description="is added to the headings: the vehicle's heading minus that of the device"
+    )
+    offset_sigma_deg: AngleSigma = Field(0.5, description="sigma of the offset")
     sigma_deg: AngleSigma = 1.0
 
     @property
@@ -230,11 +242,11 @@ class AttitudeSensor(SensorLog):
 
     kind: Literal["attitude"]
     columns: AttitudeColumns = AttitudeColumns()
-    unit: Literal["deg", "rad"] = Field("deg", description="of angles and sigmas")
+    unit: Literal["deg", "rad"] = Field("deg", description="unit of angles and sigmas")
     mounting_rpy_deg: Angles = Field(
         (0.0, 0.0, 0.0), description="roll, pitch, yaw of the device's axes against the body's"
     )
-    sigma_deg: AngleSigmas = Field((1.0, 1.0, 2.0), description="of roll, pitch, yaw")
+    sigma_deg: AngleSigmas = Field((1.0, 1.0, 2.0), description="sigmas of roll, pitch, yaw")
 
     @model_validator(mode="after")
     def _turned_device_needs_all_angles(self) -> Self:
@@ -272,7 +284,7 @@ class PositionSensor(SensorLog):
         "ellipsoid", description="the zero of the heights; sea_level: EGM96, as in NMEA"
     )
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the point whose position it is")
-    sigma_m: Sigmas3 | None = Field(None, description="north, east, down, where the log has no sigmas")
+    sigma_m: Sigmas3 | None = Field(None, description="sigmas north, east, down, where the log has none")
     correlation_time_s: NotNegative = 5.0
 
     @model_validator(mode="after")
@@ -310,7 +322,7 @@ class VelocitySensor(SensorLog):
         "ned", description="north, east, down; or east, north, up; or north, east, up, as RTKLIB's; m/s"
     )
     lever_arm_m: LeverArm = Field((0.0, 0.0, 0.0), description="IMU to the point whose velocity it is")
-    sigma_mps: Sigmas3 | None = Field(None, description="along the same axes, where the log has no sigmas")
+    sigma_mps: Sigmas3 | None = Field(None, description="sigmas along the same axes, where the log has none")
 
     @property
     def value_columns(self) -> tuple[str, ...]:

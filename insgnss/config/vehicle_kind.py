@@ -123,7 +123,7 @@ class NonHolonomicRows(StrictModel):
     mounting_pitch_deg: _SmallAngle = Field(0.0, description="pitch of the IMU against the vehicle")
     mounting_yaw_deg: _SmallAngle = Field(0.0, description="yaw of the IMU against the vehicle")
     mounting_sd_deg: _Angle = Field(
-        description="how well both angles are known, one sigma; zero: exactly, they are not estimated"
+        description="one sigma of both angles; zero: known exactly, not estimated"
     )
 
 
@@ -188,7 +188,7 @@ class NoseFirst(StrictModel):
     on: bool = True
     above_mps: _Speed = Field(description="backward motion below it says nothing")
     odds: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        1e-4, description="how often a first motion faster than that is backward"
+        1e-4, description="share of first motions faster than that that are backward"
     )
 
 
