@@ -33,24 +33,29 @@ def require_sound_record(folder: Path) -> None:
     OSError : it cannot be read
     """
     path = folder / RECORD
-    if not path.exists():
-        return
-    why = "it is not a table of files"
+    damage = _damage(path) if path.exists() else ""
+    if damage:
+        raise ResultError(
+            f"the record of the files in this folder is damaged: {damage}",
+            file=path,
+            advice="copy the whole folder again, or write its results again into a new folder; to use the files"
+            " without comparing them with what was saved, remove this record",
+        )
+
+
+def _damage(path: Path) -> str:
+    """Return what a record lacks, empty where it states the kind and the hash of each file."""
     try:
         record: Any = json.loads(path.read_text(encoding="utf-8"))
-        entries = record.items() if isinstance(record, dict) else [("", None)]
     except (ValueError, RecursionError) as error:
-        why, entries = str(error), [("", None)]
-    for name, entry in entries:
+        return str(error)
+    if not isinstance(record, dict):
+        return "it is not a table of files"
+    for name, entry in record.items():
         stated = entry if isinstance(entry, dict) else {}
         if not all(isinstance(stated.get(key), str) for key in ("kind", "sha256")):
-            reason = f"the entry of '{name}' lacks its kind or hash" if name else why
-            raise ResultError(
-                f"the record of the files in this folder is damaged: {reason}",
-                file=path,
-                advice="copy the whole folder again, or write its results again into a new folder; to use the files"
-                " without comparing them with what was saved, remove this record",
-            )
+            return f"the entry of '{name}' lacks its kind or hash"
+    return ""
 
 
 def first_changed(folder: Path, names: Iterable[str], kind: str) -> Path | None:
@@ -63,7 +68,9 @@ def first_changed(folder: Path, names: Iterable[str], kind: str) -> Path | None:
     OSError : a file cannot be read
     """
     entries = entries_in(folder)
-    for name in names if saved_as(kind, folder) else ():
+    if all(entry.get("kind") != kind for entry in entries.values()):
+        return None
+    for name in names:
         path, stated = folder / name, entries.get(name, {}).get("sha256")
         if path.is_file() and stated != file_digest(path):
             return path

@@ -281,6 +281,11 @@ def test_setting_of_a_measurement_of_another_type_is_refused_by_its_name(key: st
     assert raised.value.advice.startswith("give ")
 
 
+def test_measurement_may_say_that_it_has_no_likelihood_of_its_own() -> None:
+    own = own_measurements([giving((), unlikely=None)])
+    assert own is not None and own.kinds[0].unlikely is None
+
+
 @pytest.mark.parametrize("case", BAD_KINDS)
 def test_impossible_name_times_or_gate_is_refused_with_advice(case: str) -> None:
     measurement, told = BAD_KINDS[case]

@@ -195,7 +195,7 @@ def test_wrong_accelerometer_unit_is_an_error_that_names_the_right_one(
 def test_units_that_differ_by_two_per_cent_are_told_apart_by_a_steady_sensor_alone(
     per_mps2: float, unit: str, rng: np.random.Generator
 ) -> None:
-    """The forces of a stiff car are 2.3 % larger than g in the mean: those in cm/s^2 might be in mg."""
+    """In a stiff car the mean specific force is 2.3 % above g, so values in cm/s^2 may also be mg."""
     both = "accel_unit = 'mg' or accel_unit = 'cm/s^2' would fit"
     for motion, told in ((at_rest, f"accel_unit = '{unit}' fits"), (stiff_car, both)):
         w, f = motion(rng)

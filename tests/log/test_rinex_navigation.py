@@ -263,7 +263,7 @@ def test_real_file_of_an_archive_is_read_whole(data_root: Path, name: str, messa
 
 
 def record_4(tag: str) -> str:
-    """Return a record of RINEX 4 that holds eight coefficients of the ionosphere, or what it is told to be."""
+    """Return a RINEX 4 record with eight ionosphere coefficients, unless the caller gives other values."""
     numbers = [f"{n:19.12E}" for n in (1e-8, 2e-8, -3e-8, -4e-8, 1e5, 2e5, -3e5, -4e5, 0.0)]
     lines = [
         "    2023 06 29 00 00 00" + "".join(numbers[:3]),

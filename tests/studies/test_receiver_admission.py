@@ -197,6 +197,14 @@ def test_option_that_no_case_of_a_campaign_uses_is_refused_before_it_runs(tmp_pa
     assert run_campaign(both, tmp_path / "two", workers=0).n_failed == 0
 
 
+@pytest.mark.parametrize("step_s", [0.0, -0.02, "fast"])
+def test_case_with_a_step_that_is_not_positive_fails_alone(tmp_path: Path, step_s: object) -> None:
+    grid = {"variant": ("scalar",), "step_s": (step_s, 0.02)}
+    fixed = {"cn0_dbhz": 45.0, "duration_s": 4.0, "settle_s": 1.0, "average_s": 1.0}
+    asked = CampaignConfig(name="steps", case="receiver", seeds=1, grid=grid, fixed=fixed)
+    assert run_campaign(asked, tmp_path / "steps", workers=0).n_failed == 1
+
+
 def test_cn0_beside_emitters_is_refused_by_the_command() -> None:
     """The C/N0 is that of the path past them."""
     told = CliRunner().invoke(app, ["receiver", "jammed_approach", "-e", "jammed_approach", "--cn0", "33"])

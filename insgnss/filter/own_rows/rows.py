@@ -244,7 +244,7 @@ def _check_settings(name: str, source: Measurement) -> None:
     wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
         **dict.fromkeys(("watched", "carrying", "together"), (_is_truth_value, "True or False")),
         **dict.fromkeys(("unit", "hint"), (_is_text, "a text")),
-        "unlikely": (callable, "a function of the state"),
+        "unlikely": (_is_function_or_none, "a function of the state, or None"),
     }
     for key, (fits, what) in wanted.items():
         if hasattr(source, key) and not fits(getattr(source, key)):
@@ -259,6 +259,10 @@ def _is_truth_value(value: Any) -> bool:
 
 def _is_text(value: Any) -> bool:
     return isinstance(value, str)
+
+
+def _is_function_or_none(value: Any) -> bool:
+    return value is None or callable(value)
 
 
 def _checked_period(name: str, source: Measurement) -> int:

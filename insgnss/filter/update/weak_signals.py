@@ -18,7 +18,7 @@ None counts more than three sigmas, and of each epoch the largest e^2 / (q r) do
 wrong is a fault, and no weakness. Of six normal errors the others show 0.6 of k. k is at least zero. A point
 solution, which can learn nothing, takes k = 1 for rows whose sigma the log does not state.
 
-On the square the horizontal error over sigma is 0.59 to 0.73 in the median and 2.8 to 5.2 at 95 %, in eight sets of 60
+On the square the horizontal error over sigma is 0.58 to 0.78 in the median and 2.7 to 5.0 at 95 %, in eight sets of 60
 runs (0.83 and 1.7 would be right); without k a it is 1.7 to 2.4 and 5.6 to 9.5. Neglects: how long these errors last
 (``reflections``), and that they are all late.
 """

@@ -13,6 +13,7 @@ The seed alone makes the random numbers: the same (case, seed) gives the same ro
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Final
 
@@ -124,7 +125,9 @@ def masking(case: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def require_used(case_name: str, cases: Iterable[Mapping[str, Any]]) -> None:
-    """Refuse options of receivers that no case of a campaign uses; a case whose values make no sense says so itself.
+    """Refuse options of receivers that no case of a campaign uses.
+
+    What makes no sense in a case's values, its run reports.
 
     Raises
     ------
@@ -138,8 +141,9 @@ def require_used(case_name: str, cases: Iterable[Mapping[str, Any]]) -> None:
         variant = VARIANTS.get(str(asked["variant"]))
         if variant is not None:
             tracking, with_ins = str(asked["tracking"]), bool(asked["imu"])
-            options = ReceiverOptions(**given)
-            found = unused_options(options, {"receiver": variant}, tracking, with_ins=with_ins)
+            options, found = ReceiverOptions(**given), dict[str, ConfigError]()
+            with suppress(ConfigError):
+                found = unused_options(options, {"receiver": variant}, tracking, with_ins=with_ins)
             unused |= found
             used |= set(given) - set(found)
     for key, error in unused.items():

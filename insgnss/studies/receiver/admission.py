@@ -139,7 +139,7 @@ def integrations(o: ReceiverOptions) -> Integrations:
         )
     require_within(0.0, o.duration_s, "an interval is a part of the study", interval_s=o.interval_s)
     interval = round(o.interval_s / o.step_s)
-    if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
+    if interval < 2 or not _is_whole(o.interval_s, o.step_s):
         raise ConfigError(
             f"an interval of {o.interval_s:g} s is not a whole number of integrations of {o.step_s:g} s",
             key="interval_s",
@@ -296,17 +296,20 @@ def unused_options(
 
     These are settings of an inertial system where no receiver has one, a phase discriminator where no phase is tracked,
     a spacing or a divergence of phase and code where no code is, and an interval where no receiver has a second stage.
+
+    Raises
+    ------
+    ConfigError : ``step_s`` is not positive
     """
     usual, receivers = ReceiverOptions(), wanted.values()
     coherent, with_code = tracking == "coherent", any(variant.with_code for variant in receivers)
     with_ins = with_ins and any(variant.has_filter for variant in receivers)
     no_ins = (with_ins, "the receivers have no inertial system", "give an inertial system")
     add_code = 'add "one_stage_code" to the receivers'
+    require_positive(step_s=o.step_s)
     # an interval must be a whole number of integrations, used or not
-    intervals = usual.interval_s / o.step_s
-    needs_interval = (
-        any(variant.needs_ins for variant in receivers) or abs(intervals - round(intervals)) > 1e-6
-    )
+    is_usual_whole = _is_whole(usual.interval_s, o.step_s)
+    needs_interval = any(variant.needs_ins for variant in receivers) or not is_usual_whole
     needed = {
         **dict.fromkeys(("latency_s", "imu_gaps_s", "imu_rate_hz"), no_ins),
         "interval_s": (needs_interval, "no receiver has a second stage", 'add "optimal" to the receivers'),
@@ -319,6 +322,11 @@ def unused_options(
         for key, (is_used, lacking, cure) in needed.items()
         if not is_used and _is_set(getattr(o, key), getattr(usual, key))
     }
+
+
+def _is_whole(interval_s: float, step_s: float) -> bool:
+    """Return whether an interval is a whole number of integrations."""
+    return abs(math.remainder(interval_s, step_s)) <= 1e-9
 
 
 def _is_set(value: Any, usual: Any) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -48,24 +48,42 @@ _MAX_DRIFT: Final = (
     1e9  # of an oscillator: a hundred thousand times a crystal without compensation [rad^2/s^3]
 )
 
-_MOST_LAID: Final = 8
-_LAID: dict[str, tuple[Trajectory, float]] = {}  # by the scenario in words
+
+class LaidCourse(NamedTuple):
+    """A scenario and the motion that its manoeuvres make."""
+
+    config: SimulationConfig
+    trajectory: Trajectory
+    whole_s: float  # how long it lasts
 
 
 @dataclass(frozen=True)
 class StudyScene:
     """A study's setting, and what its tables say of it."""
 
-    name: str
+    course: LaidCourse
     setting: Setting
-    trajectory: Trajectory
     azimuth_deg: Float64
     elevation_deg: Float64
     bandwidth_hz: float  # of the spectrum that a jammer of J/S lies in
-    start_s: float  # seconds of the week at the trajectory's begin
     begins_s: float  # seconds of the scenario at the study's begin
     fall: int  # integration at which C/N0 falls
     options: ReceiverOptions  # with its duration
+
+    @property
+    def name(self) -> str:
+        """Return the name of the scenario."""
+        return self.course.config.name or "scenario"
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the vehicle's motion."""
+        return self.course.trajectory
+
+    @property
+    def start_s(self) -> float:
+        """Return the seconds of the week at the trajectory's begin."""
+        return self.course.config.start_s
 
     @property
     def channels(self) -> int:
@@ -78,13 +96,13 @@ class StudyScene:
 
 
 def scene_of(
-    scenario: str | Path | SimulationConfig,
+    scenario: str | Path | SimulationConfig | LaidCourse,
     tracking: str,
     imu: str | ImuGrade | None,
     oscillator: str | Mapping[str, float],
     options: ReceiverOptions,
 ) -> StudyScene:
-    """Return the scene of a study.
+    """Return the scene of a study; a course that has been laid before serves again.
 
     Raises
     ------
@@ -93,9 +111,9 @@ def scene_of(
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
     require_imu(imu)
     check_options(options)
-    config, name = _motion(scenario)
-    trajectory, whole_s = _laid(config)
-    begins_s = _begin_s(config, whole_s, options)
+    course = scenario if isinstance(scenario, LaidCourse) else _laid(scenario)
+    trajectory, whole_s = course.trajectory, course.whole_s
+    begins_s = _begin_s(course.config, whole_s, options)
     o, step = with_duration(options, whole_s - begins_s), options.step_s
     interval, fall, average, count = integrations(o)
     r_e = trajectory.position_e(np.array([trajectory.first_s]))[0]
@@ -128,24 +146,7 @@ def scene_of(
     )
     require_slow_oscillator(setting.drift_density, setting.channels)
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
-    return StudyScene(
-        name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s, begins_s, fall, o
-    )
-
-
-def _laid(config: SimulationConfig) -> tuple[Trajectory, float]:
-    """Return the trajectory and how long it lasts, that of the last few scenarios without laying it again.
-
-    A study asks twice for its own, before and after it knows when its average begins.
-    """
-    told = repr(config)
-    found = _LAID.get(told)
-    if found is None:
-        found = trajectory_of(config, Inputs(), 0)
-        if len(_LAID) >= _MOST_LAID:
-            _LAID.clear()
-        _LAID[told] = found
-    return found
+    return StudyScene(course, setting, azimuth, elevation, o.chip_hz, begins_s, fall, o)
 
 
 def _begin_s(config: SimulationConfig, whole_s: float, o: ReceiverOptions) -> float:
@@ -165,8 +166,8 @@ def _begin_s(config: SimulationConfig, whole_s: float, o: ReceiverOptions) -> fl
     return max(_BEGINS_S, min(straight_s - o.settle_s, latest_s))
 
 
-def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, str]:
-    """Return the scenario and its name.
+def _laid(scenario: str | Path | SimulationConfig) -> LaidCourse:
+    """Return the course of a scenario.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, 
             key="manoeuvre",
             advice="give one with a list of manoeuvres",
         )
-    return config, config.name or "scenario"
+    return LaidCourse(config, *trajectory_of(config, Inputs(), 0))
 
 
 def _drift_density(oscillator: str | Mapping[str, float], carrier_hz: float) -> float:
