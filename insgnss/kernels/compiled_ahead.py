@@ -155,7 +155,7 @@ def _can_start() -> bool:
     return bool(sys.executable) and os.access(CACHE_DIR, os.W_OK)
 
 
-def _cores() -> int:
+def usable_cores() -> int:
     """Return how many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -167,7 +167,7 @@ def _started(module: str, taken: str) -> tuple[subprocess.Popen[bytes], ...]:
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
     processes: list[subprocess.Popen[bytes]] = []
     with suppress(OSError):
-        for _ in range(min(_cores(), _MOST_PROCESSES)):
+        for _ in range(min(usable_cores(), _MOST_PROCESSES)):
             processes.append(
                 subprocess.Popen(
                     [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parents[1]), module, taken],

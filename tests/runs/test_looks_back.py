@@ -6,12 +6,14 @@ A ratio of likelihoods exceeds K with a probability of 1 / K at most where nothi
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
 from insgnss.filter.diagnosis.hindsight import Hindsight
+from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, LOG_PRIOR, SATELLITES
 from insgnss.filter.diagnosis.suspects import Explanation, every_fault, explanations
 from insgnss.filter.imu.inertial_stream import screened
@@ -31,10 +33,14 @@ SEEDS = (21, 22, 23)
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory: pytest.TempPathFactory) -> list[list[Explanation]]:
     """Return what may have failed in some logs, each time that the filter looks back on its last minute."""
-    return [look for seed in SEEDS for look in looks_on(seed, tmp_path_factory)]
+    return [
+        explanations(every_fault(again), again.as_it_was)
+        for seed in SEEDS
+        for again in reruns(seed, tmp_path_factory)
+    ]
 
 
-def looks_on(seed: int, tmp_path_factory: pytest.TempPathFactory) -> list[list[Explanation]]:
+def reruns(seed: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hindsight]:
     log = LongLog(hours=0.04, imu_hz=100.0, gnss_hz=10.0, satellites=12, seed=seed)
     flight = Flight.load(write_log(log, tmp_path_factory.mktemp("log")))
     logs = flight.read()
@@ -43,16 +49,15 @@ def looks_on(seed: int, tmp_path_factory: pytest.TempPathFactory) -> list[list[E
     ((imu, _),) = screened(logs.imu, setup).stretches()
     navigator = Navigator(setup)
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), setup.layout.n_shown)
-    found, begin = [], 0
-    for end in range(FIRST_LOOK, len(rows.epoch_ns), EPOCHS_A_LOOK):
+    ends = range(FIRST_LOOK, len(rows.epoch_ns), EPOCHS_A_LOOK)
+    assert len(ends) == 2
+    begin = 0
+    for end in ends:
         navigator.run(imu, rows, begin, end, out)
         past, span = navigator.health.past.judged()
         assert span is not None
-        again = Hindsight(past, setup, imu, navigator.parameters, span)
-        found.append(explanations(every_fault(again), again.as_it_was))
+        yield Hindsight(past, setup, imu, navigator.parameters, span)
         begin = end
-    assert len(found) == 2
-    return found
 
 
 @pytest.mark.parametrize("suspect", [SATELLITES, IMU_TAGS, GNSS_TAGS, "all"])
@@ -62,3 +67,19 @@ def test_no_fault_is_likelier_than_chance_allows(looks: list[list[Explanation]],
         each.log_odds - LOG_PRIOR * max(len(each.best.satellites), len(each.best.axes), 1) for each in told
     ]
     assert max(gains, default=-math.inf) < math.log(max(len(gains), 1) / CHANCE)
+
+
+def test_every_number_of_cores_judges_alike(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again, found = next(reruns(24, tmp_path_factory)), []
+    for cores in (1, 5):
+        monkeypatch.setattr("insgnss.filter.diagnosis.suspects.usable_cores", lambda cores=cores: cores)
+        found.append(
+            [
+                (v.suspect, v.satellites, v.axes, v.log_likelihood, v.bank.P.tobytes())
+                for v in every_fault(again)
+            ]
+        )
+    assert {suspect for suspect, *_ in found[0]} >= {SATELLITES, IMU_TAGS, ACCELEROMETER, GYRO}
+    assert found[0] == found[1]

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from concurrent.futures import Executor
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -114,8 +116,7 @@ class Hindsight:
         self.past, self.stretches = past, in_one_piece(past.epochs)
         self.end_ns, self.now_ns = span
         self.parameters = with_errors_that_last(quiet(parameters), past.banks[0])
-        largest = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
-        self.work = new_workspace(largest, setup.layout, setup.installation, setup.visibility_limits)
+        self.most_rows = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
         oldest_ns = int(past.banks[0].head[0].now_ns)
         onsets_ns = [self.end_ns - onset_s * NS_PER_S for onset_s in reversed(_ONSETS_S)]
         bank = self.oldest()
@@ -279,8 +280,8 @@ class Hindsight:
             total += of_wrong_rates(written, self.parameters[0])
         return Verdict(suspect, total, bank, fits(written, suspect in SENSORS))
 
-    def without_satellites(self) -> Iterator[Verdict]:
-        """Yield the results without each satellite, and without sets of two and three that drift away from the others.
+    def without_satellites(self, pool: Executor) -> list[Verdict]:
+        """Return the results without each satellite, and without sets of two and three that drift away from the others.
 
         Candidate sets come from the range rates of the last seconds. Others add to the likeliest set the satellites
         that still look like a ramp in the filter without it.
@@ -288,15 +289,15 @@ class Hindsight:
         starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
         most = most_satellites(self.base)
         if not starts or most < 1:
-            return
+            return []
         heard: dict[tuple[int, ...], tuple[Verdict, WrittenRows]] = {}
 
         def hear(sets: Iterable[tuple[int, ...]]) -> None:
-            for satellites in sets:
-                is_new = satellites not in heard and len(satellites) <= most
-                found = self.leaving_out(starts[0], satellites) if is_new else None
-                if found is not None:
-                    heard[satellites] = found
+            new = [each for each in dict.fromkeys(sets) if each not in heard and len(each) <= most]
+            found = pool.map(partial(self.leaving_out, starts[0]), new)
+            heard.update(
+                {each: result for each, result in zip(new, found, strict=True) if result is not None}
+            )
 
         alone = singles(self.base, int(starts[0].head[0].now_ns))
         hear((*alone, *run_away_sets(self.base, self.end_ns)))
@@ -307,8 +308,7 @@ class Hindsight:
                 rest = [each for (each,) in alone if each not in verdict.satellites]
                 rest.sort(key=lambda each: -ramp_evidence(written, each, self.parameters[0]))
                 hear(tuple(sorted((*verdict.satellites, each))) for each in rest[: _NEXT[size]])
-        for verdict, _ in heard.values():
-            yield verdict
+        return [verdict for verdict, _ in heard.values()]
 
     def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, WrittenRows] | None:
         """Return the result without some satellites, their rows charged as those of ramps, and the output written."""
@@ -332,7 +332,8 @@ class Hindsight:
         self, bank: Bank, stop_ns: int, stretches: EpochRanges | None = None, imu: ImuSamples | None = None
     ) -> list[EpochLog] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
-        epochs: list[EpochLog] = []
+        epochs, setup = list[EpochLog](), self.setup
+        work = new_workspace(self.most_rows, setup.layout, setup.installation, setup.visibility_limits)
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
             now_ns = int(bank.head[0].now_ns)
@@ -340,8 +341,8 @@ class Hindsight:
             if last <= first:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
-            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_shown)
-            code = run_beside(bank, rows, imu or self.imu, self.parameters, out, self.work, self.setup)
+            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), setup.layout.n_shown)
+            code = run_beside(bank, rows, imu or self.imu, self.parameters, out, work, setup)
             if code != DONE:
                 return None
             slot = rows.observation["slot"]

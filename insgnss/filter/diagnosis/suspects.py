@@ -18,8 +18,10 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import reduce
+from itertools import chain
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -51,6 +53,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, joined_banks, select_members
 from insgnss.filter.update.satellite_memory import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.tables import Float64
 
 # A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
@@ -186,15 +189,22 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
     return tuple(int(n) for n in np.unique(np.flatnonzero(until_s > t_ns * 1e-9) // N_BANDS))
 
 
-def every_fault(again: Hindsight) -> Iterator[Verdict]:
-    """Yield the results of the last minute for every supposed fault."""
-    for suspect in (ACCELEROMETER, GYRO, SHOCK, LAPSE, NOISE, RATES):
-        if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, again.setup)[2].sigma > 0.0:
-            # a sensor that is said to have no bias cannot have one that jumps
-            yield from again.sensor(suspect)
-    yield from again.without_satellites()
-    yield from other_tags(again)
-    yield from other_imu_tags(again)
+def every_fault(again: Hindsight) -> list[Verdict]:
+    """Return the results of the last minute for every supposed fault; they are tried on all cores.
+
+    Own rows are evaluated in Python, by one thread: a user's function may keep something between its calls.
+    """
+    # a sensor that is said to have no bias cannot have one that jumps
+    jumps = [each for each in (ACCELEROMETER, GYRO) if bias_of(each, again.setup)[2].sigma > 0.0]
+    with ThreadPoolExecutor(usable_cores() if again.setup.own is None else 1) as pool:
+        sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
+        tags = [pool.submit(list[Verdict], found(again)) for found in (other_tags, other_imu_tags)]
+        satellites = again.without_satellites(pool)
+    return [*_results(sensors), *satellites, *_results(tags)]
+
+
+def _results(running: list[Future[list[Verdict]]]) -> Iterator[Verdict]:
+    return chain.from_iterable(each.result() for each in running)
 
 
 def judge(
