@@ -115,7 +115,7 @@ def use_own_rows(
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
     watch(bank.head[0], kinds, updates[lead].entries, members[lead].predicted, t_ns)
-    doubt_filter(bank, kinds, [update.entries for update in updates.values()], t_ns)
+    doubt_filter(bank, kinds, {i: update.entries for i, update in updates.items()}, t_ns)
     return updates[lead]
 
 

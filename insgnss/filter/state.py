@@ -128,6 +128,8 @@ class StateRecord(Record):
     cn0_level: float  # recent strongest signal, referred to the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
+    # of fixes without raw GNSS data: 1 from one that is far off to the next that is used
+    doubted_by: Annotated[Int64, MAX_WATCHED]
     unlikely_ns: int  # when what the vehicle seldom does was first held against it; 0: not yet
     # how far the motion that was shown has moved the state, and what of it the updates have left
     motion_response: Annotated[Float64, OFFSETS + MAX_OPTIONAL]
@@ -169,7 +171,6 @@ class HeadRecord(Record):
     own_reach: Annotated[Float64, MAX_WATCHED]  # largest variance of a prediction that may be agreed with
     # of own rows that carry the filter (``own_rows.carrying``)
     carried_ns: Annotated[Int64, MAX_WATCHED]  # when they last came; 0: never
-    doubted_by: Annotated[Int64, MAX_WATCHED]  # 1 from one that is far off to the next that is used
     inertial_noise: Annotated[Float64, MAX_WATCHED]  # logarithm of the inertial noise over that of the grade
     noise_told: Annotated[Int64, MAX_WATCHED]  # 1 while an event says that it is high
     # each slow error's satellite, counted from one; 0: none
@@ -276,6 +277,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
     target.weak_shown, target.weak_rows = source.weak_shown, source.weak_rows
     target.unlikely_ns = source.unlikely_ns
+    for i in range(MAX_WATCHED):
+        target.doubted_by[i] = source.doubted_by[i]
     target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information
     for i in range(OFFSETS + MAX_OPTIONAL):
         target.motion_response[i] = source.motion_response[i]

@@ -106,6 +106,30 @@ def test_filter_is_not_doubted_where_all_errors_are_as_stated(seed: int) -> None
     assert not {"filter_doubted", "sensor_refused"}.intersection(kinds(run))
 
 
+def warming_up(made: FlightInMemory) -> FlightInMemory:
+    """Return a flight whose first gyro is off by 1.2 deg/s for 3 s, then by 0.45 deg/s, which fades within 6 s."""
+    imu = made.logs.imu
+    t_s = (imu.t_ns - imu.t_ns[0]) / NS_PER_S
+    w_ib_b = imu.w_ib_b.copy()
+    w_ib_b[:, 0] -= np.radians(np.where(t_s < 3.0, 1.2, 0.45 * np.exp(-(t_s - 3.0) / 6.0)))
+    return replace(made, logs=replace(made.logs, imu=replace(imu, w_ib_b=w_ib_b)))
+
+
+@pytest.mark.parametrize("seed", [51, 52, 53])
+def test_gyro_that_warms_up_at_rest_does_not_lead_any_heading_away(seed: int) -> None:
+    """The bias at the start is wrong by ten of its sigmas; with all headings open one alone could drift away."""
+    run = insgnss.replay(warming_up(fixes_alone(city_car(90.0), seed)))
+
+    errors = run.errors
+    assert errors is not None
+    assert np.hypot(errors["d_n_m"], errors["d_e_m"]).max() < 5.0
+    assert np.hypot(errors["d_vn_mps"], errors["d_ve_mps"]).max() < 5.0
+    late = errors[errors["time_s"] > errors["time_s"].iloc[0] + 60.0]
+    for angle in ("roll", "pitch", "yaw"):
+        assert (late[f"d_{angle}_deg"] / late[f"sd_{angle}_deg"]).abs().max() < 5.0
+    assert "sensor_refused" not in kinds(run)
+
+
 def test_one_fix_far_off_is_refused_and_costs_little() -> None:
     made = fixes_alone(turns(90.0), 2, fixes=CLOSE_FIXES)
     position = next(table for table in made.logs.sensors if table.name == "position")

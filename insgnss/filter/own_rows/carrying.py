@@ -11,18 +11,20 @@ a vibrating mount, or its time is wrong.
   dt the time since the fix before, up to a second, y the innovations of a fix and S their variances. So w rises until
   the normalised squared innovations are 1 on average. If all errors are as stated and those of the fixes last 5 s, the
   sigmas become up to a tenth larger.
-- From a fix that is 5 sigma away to the next that the gate takes, each fix widens the sigmas of position, velocity and
-  attitude by a factor exp(dt / 2 s), and adds dt / 2 s to w. Fixes that stay 10 sigma away are used after some two
-  seconds, and by the covariance they correct the attitude too. Normal errors are 5 sigma away once in two million.
+- From a fix that is 5 sigma away to the next that the gate takes, each fix widens the sigmas of position, velocity,
+  attitude and biases by a factor exp(dt / 2 s), and adds dt / 2 s to w. Fixes that stay 10 sigma away are used after
+  some two seconds, and by the covariance they correct attitude and biases too: the bias of a gyro that warms up is not
+  what it was at the start. Normal errors are 5 sigma away once in two million.
 
-While several headings are open, the one that fits the fixes best counts. An event reports noise of three times that of
-the grade.
+While several headings are open, each is widened by itself: at rest no fix tells them apart, and one that drifts away
+alone would keep its weight. Their sensor is the same: its noise is what the heading needs that fits the fixes best. An
+event reports noise of three times that of the grade.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,7 +32,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import NOT_CARRYING, Kind
-from insgnss.filter.state import DR, DV, PSI, Bank, HeadRecord
+from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, HeadRecord, StateRecord
 from insgnss.status import GATED, USED
 from insgnss.tables import Event, Float64
 
@@ -45,12 +47,12 @@ _OVER: Final = math.log(1.5)
 _LINEAR2: Final = 0.1  # [rad^2] a wider attitude, sigmas of 18 deg, is not widened: its errors are not linear
 
 
-def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Collection[list[OwnEntry]], t_ns: int) -> None:
-    """Find the noise of the inertial samples by the fixes of a time, and widen all hypotheses if all contradict them.
+def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[OwnEntry]], t_ns: int) -> None:
+    """Find the noise of the inertial samples by the fixes of a time, and widen the hypotheses that contradict them.
 
     Parameters
     ----------
-    members : the entries of each hypothesis
+    members : the entries of each hypothesis, by its place in the bank
     """
     head, carrying = bank.head[0], [kind for kind in kinds if kind.carrying != NOT_CARRYING]
     for kind in carrying:
@@ -58,15 +60,15 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Collection[list[Own
         before_ns = int(head.carried_ns[at])
         step_s = min((t_ns - before_ns) / NS_PER_S, _MOST_STEP_S) if before_ns else 0.0
         head.carried_ns[at] = t_ns
-        found = [_against(entries, kind.name) for entries in members]
-        refused = all(each.refused for each in found)
-        far = all(each.largest > _FAR2 for each in found)
-        head.doubted_by[at] = int(refused and (far or head.doubted_by[at]))
-        risen = step_s * (min(each.mean for each in found) - 1.0) / _NOISE_TIME_S
-        if head.doubted_by[at]:
+        found = {i: _against(entries, kind.name) for i, entries in members.items()}
+        for i, each in found.items():
+            m: StateRecord = bank.state[i]
+            m.doubted_by[at] = int(each.refused and (each.largest > _FAR2 or m.doubted_by[at]))
+            if m.doubted_by[at]:
+                _widen(bank.P[i], math.exp(step_s / _TIME_S))
+        risen = step_s * (min(each.mean for each in found.values()) - 1.0) / _NOISE_TIME_S
+        if all(bank.state[i].doubted_by[at] for i in found):
             risen += step_s / _TIME_S
-            for P in bank.P:
-                _widen(P, math.exp(step_s / _TIME_S))
         head.inertial_noise[at] = min(max(head.inertial_noise[at] + risen, 0.0), _MOST_NOISE)
     if carrying:
         bank.state["noise_excess"] = math.expm1(2.0 * float(head.inertial_noise.max()))
@@ -90,9 +92,10 @@ def _against(entries: Iterable[OwnEntry], name: str) -> _Against:
 
 
 def _widen(P: Float64, factor: float) -> None:
-    """Multiply the sigmas of position, velocity and attitude; all correlations stay."""
+    """Multiply the sigmas of position, velocity, attitude and biases; all correlations stay."""
     scale = np.ones(len(P))
-    scale[DR : DR + 3] = scale[DV : DV + 3] = factor
+    for at in (DR, DV, BA, BG):
+        scale[at : at + 3] = factor
     if np.diagonal(P)[PSI : PSI + 3].max() < _LINEAR2:
         scale[PSI : PSI + 3] = factor
     P *= np.outer(scale, scale)
