@@ -27,6 +27,10 @@ SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
 # Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
 GRAVITY_TOLERANCE: Final = 0.01
 NOISY: Final = 3.0  # noise over that of the grade
+SETTLED: Final = 3.0  # biases of the grade by which a gyro's bias may still change
+SETTLED_SIGMAS: Final = 6.0
+MIN_SETTLING_WINDOWS: Final = 20
+LONGEST_DISTURBANCE_S: Final = 5.0
 MIN_NOISE_PAIRS: Final = 10  # of neighbouring windows: their median is known to a fifth
 LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
@@ -79,8 +83,8 @@ def imu_findings(
     known, mps, sd_mps = _speed_at(windows, speed)
     resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
     if resting.sum() >= MIN_REST_WINDOWS:
-        noise = [] if grade is None or not known.any() else _noise_findings(windows, resting, grade)
-        return findings + _rest_findings(windows, resting, "at rest", accel_unit) + noise
+        by_grade = [] if grade is None or not known.any() else _at_rest_by_grade(windows, resting, grade)
+        return findings + _rest_findings(windows, resting, "at rest", accel_unit) + by_grade
     moving = steady & known
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
@@ -134,6 +138,39 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str, accel_unit: s
         Finding("ok", "imu", rates),
     ]
     return [*findings, _tilt_finding(f_b, where)]
+
+
+def _at_rest_by_grade(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
+    return _noise_findings(windows, resting, grade) + _settling_findings(windows, resting, grade)
+
+
+def _settling_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
+    """Return a warning if the gyros' rates at the log's first rest begin far from where they settle.
+
+    The filter takes the bias that it finds at the start for the bias of the minutes after it.
+    """
+    at = np.flatnonzero(resting)
+    pauses_s = np.diff(windows.t_ns[at]) / NS_PER_S - windows.length_s
+    rest = at[: 1 + int(np.argmax(np.append(pauses_s > LONGEST_DISTURBANCE_S, True)))]
+    if len(rest) < MIN_SETTLING_WINDOWS:
+        return []
+    rates = np.rad2deg(windows.w_ib_b[rest])
+    later = rates[len(rates) // 2 :]
+    off = np.abs(rates - np.median(later, axis=0))
+    noise = SIGMA_PER_MEDIAN * np.median(off[len(rates) // 2 :], axis=0)
+    limit = np.maximum(SETTLED * grade.gyro_bias_deg_per_h / 3600.0, SETTLED_SIGMAS * noise)
+    beyond = (off > limit).any(axis=1)
+    if not beyond[0] or beyond[len(rates) // 2 :].any():
+        return []
+    settled = rest[int(np.flatnonzero(beyond)[-1]) + 1]
+    seconds = (windows.t_ns[settled] - windows.t_ns[0]) / NS_PER_S
+    axis = int(np.argmax(off[0]))
+    text = (
+        f"at rest the rate of the {'xyz'[axis]} gyro changes by {off[0, axis]:.2g} deg/s until {seconds:.0f} s after"
+        f" the first sample; its grade has a bias of {grade.gyro_bias_deg_per_h / 3600.0:.2g} deg/s"
+    )
+    advice = f"a sensor that warms up or calibrates itself: leave out the first {seconds:.0f} s of the inertial log"
+    return [Finding("warning", "imu", text, advice)]
 
 
 def _noise_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:

@@ -224,6 +224,29 @@ def test_noise_at_rest_is_compared_with_the_grade(sensor: str, key: str, times: 
 
 
 @pytest.mark.parametrize(
+    ("off_deg_per_s", "begin_s", "end_s", "told"),
+    [
+        (0.4, 0.0, 9.0, "the x gyro changes by 0.4 deg/s until 9 s after the first sample"),
+        (0.4, 6.0, 9.0, ""),  # touched in passing
+        (0.4, 0.0, 70.0, ""),  # no longer than it is off
+        (0.02, 0.0, 9.0, ""),  # within the biases of the grade
+    ],
+)
+def test_gyro_that_settles_after_the_start_is_told(
+    off_deg_per_s: float, begin_s: float, end_s: float, told: str
+) -> None:
+    grade, imu, rng = imu_grade("mems_consumer"), steady_imu(120), np.random.default_rng(8)
+    speed = GroundSpeed(np.arange(122) * NS_PER_S, np.zeros(122), np.full(122, 0.1))
+    t_s = imu.t_ns / NS_PER_S
+    w_ib_b = np.radians(0.01) * rng.standard_normal(imu.w_ib_b.shape)
+    w_ib_b[:, 0] -= np.radians(off_deg_per_s) * ((t_s >= begin_s) & (t_s < end_s))
+    found = imu_findings(replace(imu, w_ib_b=w_ib_b), 0, speed, grade)
+
+    warnings = [f for f in found if "warms up" in f.advice]
+    assert [told in f.text and f.severity == "warning" for f in warnings] == [True] * bool(told)
+
+
+@pytest.mark.parametrize(
     ("declared", "written", "told"),
     [
         ("mg", "cm/s^2", "(-1.93 % of g), as if the column were in cm/s^2"),
