@@ -113,6 +113,10 @@ def test_damaged_and_missing_runs_end_with_the_code_of_a_result(tmp_path: Path, 
         ("consistency", "no_run"),
         ("convert", "no_log.ubx"),
         ("models", "imus", "tactical"),
+        ("export", "no_run"),
+        ("report", "no_run"),
+        ("compare", "no_run", "no_other"),
+        ("demo",),
     ],
     ids=lambda command: command[0],
 )
@@ -124,9 +128,60 @@ def test_place_that_cannot_be_written_stops_a_command_before_it_begins(
 
     for work in ("studies.receiver.comparison.receiver_study", "runs.simulate.simulate"):
         monkeypatch.setattr(f"insgnss.{work}", no_work)
-    for work in ("replay", "smooth"):
+    for work in ("replay", "smooth", "demo"):
         monkeypatch.setattr(f"insgnss.cli.{work}.run_replay", no_work)
+    monkeypatch.setattr("insgnss.simulation.sample_flight.write_sample_flight", no_work)
     (tmp_path / "file").write_text("mine")
     code, told = ended(*command, "--output", tmp_path / "file" / "study")
     assert code == 5 and "is a file" in told and "--output" in told
     assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("receiver",), "receiver_settings.json"),
+        (("iq", "at_rest"), "searches.csv"),
+        (("iq", "at_rest", "--record"), "samples.bin"),
+        (("margin", "--simulate"), "margin_thresholds.png"),
+        (("margin", "no_run", "-e", "jammed_approach"), "margin_flown.png"),
+        (("outage", SAMPLE / "flight.toml", "--every", 60), "outage.png"),
+        (("allan", SAMPLE / "imu.csv.gz"), "grade.toml"),
+        (("visibility", "no_run", "--flight", SAMPLE / "flight.toml"), "visibility_dop.csv"),
+        (("consistency", "no_run"), "consistency_kinds.csv"),
+        (("export", "no_run"), "track.kml"),
+        (("compare", "no_run", "no_other"), "page.html"),
+        (("report", "no_run"), "page.html"),
+        (("demo",), "report.html"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else str(value),
+)
+def test_own_file_stops_a_command_before_it_begins(
+    tmp_path: Path, command: tuple[object, ...], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_work(*_: object, **__: object) -> None:
+        raise AssertionError("the command began its work")
+
+    works = ("studies.receiver.comparison.receiver_study", "runs.simulate.simulate", "cli.demo.run_replay")
+    works += ("simulation.sample_flight.write_sample_flight", "studies.outage.study.outage_study")
+    for work in works:
+        monkeypatch.setattr(f"insgnss.{work}", no_work)
+    (tmp_path / name).write_text("mine")
+    is_file = command[0] in ("export", "compare", "report") or command[-1] == "--record"
+    option = () if command[-1] == "--record" else ("--output",)
+    code, told = ended(*command, *option, tmp_path / name if is_file else tmp_path)
+    assert code == 5 and name in told and "--force" in told
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_figures_that_cannot_be_written_stop_a_report_before_its_page(tmp_path: Path) -> None:
+    run = small_run().save(tmp_path / "run")
+    page, figures = tmp_path / "page.html", tmp_path / "figures"
+    figures.mkdir()
+    (figures / "track.pdf").write_text("mine")
+    code, told = ended("report", run, "--output", page, "--figures", figures)
+    assert code == 5 and "track.pdf" in told and "--force" in told
+    code, told = ended("report", run, "--output", page, "--figures", figures, "--form", "tiff8")
+    assert code == 2 and "tiff8" in told and "svg" in told
+    assert not page.exists()

@@ -10,7 +10,7 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import overwriting
@@ -54,8 +54,9 @@ def allan(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [log], output):
         from insgnss.config.library import imu_grade
-        from insgnss.runs.allan import allan_study
+        from insgnss.runs.allan import FILES, STUDY_NAME, allan_study
 
+        check_files(output, FILES, STUDY_NAME)
         with telling("measuring the noise"):
             imu = _part(_read(log, gyro_unit, accel_unit), first, last)
             study = allan_study(imu, None if like is None else imu_grade(like))

@@ -14,7 +14,7 @@ from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,6 +37,8 @@ def compare(
     with own_errors_told(), overwriting(force, run_files(*runs)):
         if len(runs) < 2:
             raise ConfigError("only one run is given", key="RUNS", advice="give two or more")
+        if output is not None:
+            check_file_replaceable(output, PAGE_KIND)
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.compare import compare_runs, write_comparison
         from insgnss.runs.result import Run

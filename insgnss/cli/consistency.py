@@ -12,9 +12,9 @@ import typer
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force, run_files
+from insgnss.cli.overwriting import Force, check_files, run_files
 from insgnss.cli.progress import telling
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import STUDY_KIND, overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,8 +46,9 @@ def consistency(
     """Test innovations, errors and sigmas of a run against each other, and state the result in words."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(run), output):
-        from insgnss.studies.consistency.study import consistency_study
+        from insgnss.studies.consistency.study import FILES, consistency_study
 
+        check_files(output, FILES, STUDY_KIND)
         with telling("studying the run"):
             study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)
             if output is not None:

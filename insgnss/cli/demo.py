@@ -11,11 +11,12 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
-from insgnss.cli.replay import tell_run, write_run
+from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.errors import ResultError
 from insgnss.log.flight import Flight
-from insgnss.results.saving import writing
+from insgnss.results.saving import check_writable, overwriting, writing
 from insgnss.runs.replay import replay as run_replay
 
 FLIGHT_FOLDER: Final = "flight"
@@ -27,12 +28,15 @@ def demo(
         Path,
         typer.Option("--output", "-o", help="Folder for the sample flight's logs, the run and its page."),
     ] = Path("insgnss-demo"),
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a flight of 20 minutes, replay it against its truth, and draw the page of the run."""
     began = time.perf_counter()
     give_back_what_is_freed()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force):
+        check_writable(output / FLIGHT_FOLDER)
+        check_outputs(output, output / PAGE)
         with telling("simulating the sample flight") as tell:
             flight = Flight.load(_sample_flight(output / FLIGHT_FOLDER))
             run = run_replay(flight, progress=tell)

@@ -11,7 +11,7 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import EXPORT_KIND, check_file_replaceable, overwriting
 
 
 def export(
@@ -45,6 +45,7 @@ def export(
     """
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(run)):
+        check_file_replaceable(output, EXPORT_KIND)
         # pandas is loaded only when the command runs
         from insgnss.report.export import export_run
         from insgnss.runs.result import Run

@@ -12,9 +12,9 @@ import typer
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import telling
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import RECORDING_KIND, STUDY_KIND, check_file_replaceable, overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,8 +56,12 @@ def iq(
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml
         from insgnss.runs.simulate import simulate
-        from insgnss.studies.samples.study import RECEIVERS, record_samples, sample_receiver
+        from insgnss.studies.samples.study import FILES, RECEIVERS, record_samples, sample_receiver
 
+        if record is not None:
+            check_file_replaceable(record, RECORDING_KIND)
+        else:
+            check_files(output, FILES, STUDY_KIND)
         use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
         losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))
         with telling("simulating") as tell:

@@ -10,14 +10,15 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.margin_flown import flown_study
 from insgnss.cli.option_guard import refuse_given
-from insgnss.cli.overwriting import Force, run_files
-from insgnss.cli.progress import counting, telling
+from insgnss.cli.overwriting import Force, check_files, run_files
+from insgnss.cli.progress import counting
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 from insgnss.results.matplotlib_figure import save_figure
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import PICTURE_KIND, overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,9 +27,10 @@ if TYPE_CHECKING:
     from insgnss.interference.lock_thresholds import LockThreshold
     from insgnss.interference.margin import PhaseLoop
     from insgnss.results.table_files import TableFormat
-    from insgnss.runs.margin import FlownMargin
 
-
+_TABLE: Final = "margin"
+_PICTURES: Final = ("margin_drift.png", "margin_diagram.png", "margin_type_1.png", "margin_type_2.png")
+_SIMULATED: Final = "margin_thresholds.png"
 # What a saved run takes from the file of emitters
 _OF_THE_LOOP: Final = (
     *("signal", "discriminator", "threshold", "oscillator", "imu", "interval", "bandwidth", "accumulation"),
@@ -127,8 +129,9 @@ def margin(
             )
         console = result_console(quiet=as_json)
         if run is not None and emitters is not None:
-            answer, written = _flown(console, run, emitters, output, form, step, pictures)
+            answer, written = flown_study(console, run, emitters, output, form, step, pictures)
         else:
+            _check_outputs(output, drawn=pictures, simulated=simulate)
             loops, carrier = _loops(signal, discriminator, threshold, bandwidth, accumulation)
             drifts = _drifts(oscillator, imu, interval, carrier)
             rows = _margins(loops, drifts, cn0)
@@ -154,6 +157,15 @@ def _inputs(run: Path | None, emitters: str | None) -> list[Path]:
     return [] if run is None or emitters is None else [*run_files(run), Path(emitters)]
 
 
+def _check_outputs(output: Path | None, *, drawn: bool, simulated: bool) -> None:
+    """Refuse outputs that would replace files of other programs, before any work is done."""
+    from insgnss.results.table_files import table_files
+
+    check_files(output, table_files((_TABLE,)), _TABLE)
+    if drawn:
+        check_files(output, (*_PICTURES, *((_SIMULATED,) if simulated else ())), PICTURE_KIND)
+
+
 def _saved(rows: list[dict[str, Any]], output: Path, form: TableFormat) -> Path:
     """Write the margins of all discriminators as one table; return the folder."""
     import pandas as pd
@@ -163,7 +175,7 @@ def _saved(rows: list[dict[str, Any]], output: Path, form: TableFormat) -> Path:
     table = pd.DataFrame(rows)
     alone = pd.DataFrame(table.pop("margin_alone_db").tolist())
     alone.columns = [f"margin_{name.split()[0].lower()}_alone_db" for name in alone.columns]
-    return save_study(output, {"margin": table.join(alone)}, form, "margin")
+    return save_study(output, {_TABLE: table.join(alone)}, form, _TABLE)
 
 
 def _loops(
@@ -322,77 +334,14 @@ def _pictures(
     """Write the pictures of the margin, figures 4 to 6 among them; return their paths."""
     from insgnss.interference import figures
 
-    drawn = {
-        "margin_drift": figures.margin_figure(loops, cn0, drifts),
-        "margin_diagram": figures.diagram_figure(loops, carrier),
-        "margin_type_1": figures.trade_off_figure(loops["Q"], carrier),
-        "margin_type_2": figures.trade_off_figure(
-            next(loop for loop in loops.values() if loop.discriminator.type == 2), carrier
-        ),
-    }
+    type_2 = next(loop for loop in loops.values() if loop.discriminator.type == 2)
+    drawn = (
+        figures.margin_figure(loops, cn0, drifts),
+        figures.diagram_figure(loops, carrier),
+        figures.trade_off_figure(loops["Q"], carrier),
+        figures.trade_off_figure(type_2, carrier),
+    )
+    written = [save_figure(figure, output / name) for name, figure in zip(_PICTURES, drawn, strict=True)]
     if simulated:
-        drawn["margin_thresholds"] = figures.threshold_figure(simulated)
-    return [save_figure(figure, output / f"{name}.png") for name, figure in drawn.items()]
-
-
-def _flown(
-    console: Console,
-    source: Path,
-    emitters: str,
-    output: Path | None,
-    form: TableFormat,
-    step: float,
-    pictures: bool,
-) -> tuple[dict[str, Any], list[Path]]:
-    """Study a saved run; print the summary, write tables and picture; return data and written files."""
-    from insgnss.config.interference import InterferenceConfig
-    from insgnss.config.library import file_of
-    from insgnss.config.strict import load_toml
-    from insgnss.runs.margin import flown_margin, picture
-    from insgnss.runs.result import Run
-
-    config = load_toml(file_of("emitters", emitters), InterferenceConfig)
-    with telling("flying the run past the emitters"):
-        study = flown_margin(Run.load(source), config, step_s=step)
-    console.print(_flown_table(study))
-    events = study.events[~study.events["kind"].str.startswith("lock_lost")]
-    for _, event in events.iterrows():
-        console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
-    counts = study.in_lock()
-    found: dict[str, Any] = {"satellites": records(study.summary().reset_index()), "events": records(events)}
-    least_in_lock = {}
-    for loop, words in (("unaided", "without"), ("aided", "with")):
-        least = counts.iloc[int(counts[f"lock_{loop}"].to_numpy().argmin())]
-        least_in_lock[loop] = {
-            name: float(least[name]) for name in (f"lock_{loop}", "n_satellites", "time_s")
-        }
-        console.print(
-            f"{words} aiding: at least {least[f'lock_{loop}']:.0f} of {least['n_satellites']:.0f} satellites "
-            f"in lock, at {least['time_s']:.1f} s",
-            highlight=False,
-        )
-    found["least_in_lock"] = least_in_lock
-    if output is None:
-        return found, []
-    written = [study.save(output, form)]
-    return found, written + ([picture(study, output / "margin_flown.png")] if pictures else [])
-
-
-def _flown_table(study: FlownMargin) -> Table:
-    from rich.table import Table
-
-    names = {
-        "js_max_db": "largest J/S, dB",
-        "reserve_unaided_min_db": "least reserve without aiding, dB",
-        "lock_unaided_share": "in lock",
-        "reserve_aided_min_db": "least reserve with aiding, dB",
-        "lock_aided_share": "in lock",
-    }
-    table = Table(title="phase loops along the path, each the better of second and third order")
-    table.add_column("satellite")
-    for name in names.values():
-        table.add_column(name, justify="right")
-    for sv, row in study.summary().iterrows():
-        cells = [f"{row[n]:.1%}" if n.endswith("share") else f"{row[n]:.1f}" for n in names]
-        table.add_row(str(sv), *cells)
-    return table
+        written.append(save_figure(figures.threshold_figure(simulated), output / _SIMULATED))
+    return written

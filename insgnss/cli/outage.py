@@ -14,10 +14,10 @@ from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in
 from insgnss.cli.option_guard import refuse_given
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import STUDY_KIND, overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -84,9 +84,10 @@ def outage(
             refuse_given(context, ("length", "seed"), "without --every or --random")
         elif random is None:
             refuse_given(context, ("seed",), "without --random")
-        from insgnss.studies.outage.study import outage_study
+        from insgnss.studies.outage.study import FILES, outage_study
         from insgnss.studies.outage.windows import Removal
 
+        check_files(output, FILES, STUDY_KIND)
         chosen = chosen_filter(filter, settings)
         removal = Removal(names_in(satellites), names_in(constellations), names_in(kinds))
         with telling("starting") as tell:

@@ -12,10 +12,10 @@ from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import compiling, telling
 from insgnss.cli.table_form import table_form
-from insgnss.results.saving import check_replaceable, overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -54,14 +54,13 @@ def point(
         form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
-        from insgnss.runs.point import FILES
+        from insgnss.runs.point import FILES, STUDY_NAME
         from insgnss.runs.point import point as solve
 
         chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
-            if output is not None:
-                check_replaceable(output, FILES, "point solution")
+            check_files(output, FILES, STUDY_NAME)
             run = solve(
                 loaded,
                 chosen,

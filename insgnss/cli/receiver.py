@@ -14,9 +14,9 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in, numbers_in
 from insgnss.cli.option_guard import refuse_given
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import counting
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import STUDY_KIND, overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,10 +118,11 @@ def receiver(
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna
-        from insgnss.studies.receiver.comparison import receiver_study
+        from insgnss.studies.receiver.comparison import FILES, receiver_study
         from insgnss.studies.receiver.options import ReceiverOptions
         from insgnss.studies.receiver.variants import USUAL_VARIANTS
 
+        check_files(output, FILES, STUDY_KIND)
         if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):
             names = ("scalar", "one_stage")
         options = ReceiverOptions(

@@ -18,16 +18,17 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
-from insgnss.cli.overwriting import Force
+from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import compiling, telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.report.digest import digest
 from insgnss.report.epochs import pseudoranges_used
-from insgnss.results.saving import check_replaceable, overwriting
+from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
 from insgnss.runs.replay import replay as run_replay
 from insgnss.runs.result import FILES, Run
+from insgnss.runs.result_folder import RUN_KIND
 
 _EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
@@ -90,10 +91,9 @@ def replay(
 
 def check_outputs(output: Path | None, report: Path | None) -> None:
     """Refuse outputs that would replace files of other programs, before any work is done."""
-    if output is not None:
-        check_replaceable(output, FILES, "run")
+    check_files(output, FILES, RUN_KIND)
     if report is not None:
-        check_replaceable(report.parent, (report.name,), "page")
+        check_file_replaceable(report, PAGE_KIND)
 
 
 def write_run(

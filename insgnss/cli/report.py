@@ -12,7 +12,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
 
 
 def report(
@@ -33,15 +33,19 @@ def report(
 ) -> None:
     """Write the page of a run: summary, map, errors, satellites, innovations, events, settings."""
     began = time.perf_counter()
+    place = run / "report.html" if output is None else output
     with own_errors_told(), overwriting(force, run_files(run)):
+        check_file_replaceable(place, PAGE_KIND)
         # pandas and Plotly are loaded only when the command runs
-        from insgnss.report.figures import save_figures
+        from insgnss.report.figures import check_figures, save_figures
         from insgnss.report.page import write_report
         from insgnss.runs.result import Run
 
         with telling("drawing"):
             loaded = Run.load(run)
-            page = write_report(loaded, run / "report.html" if output is None else output)
+            if figures is not None:
+                check_figures(loaded, figures, form)
+            page = write_report(loaded, place)
             drawn = [] if figures is None else save_figures(loaded, figures, form)
     if as_json:
         written = [str(path) for path in (page, *drawn)]

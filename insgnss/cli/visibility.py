@@ -12,11 +12,11 @@ from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force, run_files
+from insgnss.cli.overwriting import Force, check_files, run_files
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
-from insgnss.results.saving import overwriting
+from insgnss.results.saving import PICTURE_KIND, overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,8 +63,9 @@ def visibility(
             raise ConfigError(f"invalid step {step}", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
-        from insgnss.runs.visibility.figures import save_figures
+        from insgnss.runs.visibility.figures import PICTURES, save_figures
         from insgnss.runs.visibility.sources import visibility_of
+        from insgnss.runs.visibility.study import FILES, STUDY_NAME
 
         config = chosen_filter(filter, settings)
         if threshold is not None:
@@ -73,6 +74,8 @@ def visibility(
             config = config.model_copy(update={"visibility": changed})
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("studying") as tell:
+            check_files(output, FILES, STUDY_NAME)
+            check_files(output if pictures else None, PICTURES, PICTURE_KIND)
             study = visibility_of(source, loaded, config, antenna, step)
             written: list[Path] = []
             if output is not None:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError
-from insgnss.results.saving import saving_file, writing
+from insgnss.results.saving import RECORDING_KIND, saving_file, writing
 from insgnss.tracking.signal import Sampling, SignalSamples
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
@@ -163,7 +163,7 @@ def write_iq(
     limit, clipped = np.iinfo(kind), 0
     with writing("the recording", path):
         place.parent.stat()  # refuses a folder that is not there, which a save would make
-        with saving_file(place, "recording") as new, open(new, "wb") as file:
+        with saving_file(place, RECORDING_KIND) as new, open(new, "wb") as file:
             for block in blocks:
                 numbers = rounded(block, sample_type)
                 parts = [numbers.in_phase]

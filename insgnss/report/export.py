@@ -17,7 +17,7 @@ from insgnss.report.nmea import as_nmea
 from insgnss.report.rtklib_pos import as_pos
 from insgnss.report.sbet import as_sbet, as_smrmsg
 from insgnss.report.utc_csv import as_csv
-from insgnss.results.saving import write_file, writing
+from insgnss.results.saving import EXPORT_KIND, write_file, writing
 from insgnss.runs.result import Run
 
 # by the ending of the file, which --format may replace
@@ -59,7 +59,7 @@ def export_run(run: Run, path: str | Path, format: str | None = None, *, at_poin
         raise ResultError("the run has no navigation row to write", advice="replay the flight again")
     content = FORMATS[wanted](_moved_to_point(run) if at_point else run)
     with writing("the file", path, "give another --output"):
-        write_file(path, content, "export")
+        write_file(path, content, EXPORT_KIND)
     return path
 
 

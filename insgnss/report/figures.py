@@ -28,7 +28,7 @@ from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
 from insgnss.report.sentences import name_and_utc
 from insgnss.results.matplotlib_figure import new_figure
-from insgnss.results.saving import saving, writing
+from insgnss.results.saving import PICTURE_KIND, check_replaceable, saving_file, writing
 from insgnss.runs.result import Run
 
 if TYPE_CHECKING:
@@ -202,8 +202,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     # no date inside: the same figure is the same file
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix, {})
     try:
-        with writing("the figure", path), _style(), saving(path.parent, (path.name,), "picture") as new:
-            figure.savefig(new / path.name, dpi=300, metadata=metadata)
+        with writing("the figure", path), _style(), saving_file(path, PICTURE_KIND) as new:
+            figure.savefig(new, dpi=300, metadata=metadata)
     except ValueError as error:
         raise ConfigError(
             f"unsupported figure format '{path.suffix}': {error}", advice="write .pdf or .svg"
@@ -212,7 +212,32 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 
 def save_figures(run: Run, folder: str | Path, ending: str = "pdf") -> list[Path]:
-    """Write every figure that the run has something for into a folder; return the paths."""
+    """Write every figure that the run has something for into a folder; return the paths.
+
+    Raises
+    ------
+    ConfigError, ResultError : as of ``check_figures``
+    """
+    check_figures(run, folder, ending)
+    return [save(draw(), Path(folder) / f"{name}.{ending}") for name, draw in _figures_of(run).items()]
+
+
+def check_figures(run: Run, folder: str | Path, ending: str = "pdf") -> None:
+    """Refuse what ``save_figures`` could not write, before anything is drawn.
+
+    Raises
+    ------
+    ConfigError : no format of figures has this ending
+    ResultError : there is a file that may not be replaced, or nothing can be written into the folder
+    """
+    if ending.lower() not in new_figure(1.0, 1.0).canvas.get_supported_filetypes():
+        advice = "write pdf, svg or png"
+        raise ConfigError(f"unsupported figure format '{ending}'", key="--figure-format", advice=advice)
+    check_replaceable(Path(folder), [f"{name}.{ending}" for name in _figures_of(run)], PICTURE_KIND)
+
+
+def _figures_of(run: Run) -> dict[str, Callable[[], Figure]]:
+    """Return how to draw each figure that the run has something for, by its name."""
     wanted: dict[str, Callable[[], Figure]] = {"track": partial(track, run)}
     if run.errors is not None and not run.errors.empty:
         for group, _, columns in SIGMA_GROUPS:
@@ -222,7 +247,7 @@ def save_figures(run: Run, folder: str | Path, ending: str = "pdf") -> list[Path
         wanted[f"innovations_{kind}"] = partial(innovations, run, str(kind))
     if not run.satellites.empty:
         wanted["satellites"] = partial(satellites, run)
-    return [save(draw(), Path(folder) / f"{name}.{ending}") for name, draw in wanted.items()]
+    return wanted
 
 
 def _axes(figure: Figure, n: int) -> list[Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from insgnss.report.charts import Chart, as_json
-from insgnss.results.saving import write_file, writing
+from insgnss.results.saving import PAGE_KIND, write_file, writing
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def write(path: str | Path, content: str) -> Path:
     """
     path = Path(path)
     with writing("the file", path, "give another --output"):
-        write_file(path, content.encode("utf-8", "backslashreplace"), "page")
+        write_file(path, content.encode("utf-8", "backslashreplace"), PAGE_KIND)
     return path
 
 

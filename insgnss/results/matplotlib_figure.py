@@ -7,7 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from insgnss.results.saving import saving_file, writing
+from insgnss.results.saving import PICTURE_KIND, saving_file, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +56,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     ResultError : the file cannot be written, or is somebody else's
     """
     path = Path(path)
-    with writing("the picture", path), saving_file(path, "picture") as new:
+    with writing("the picture", path), saving_file(path, PICTURE_KIND) as new:
         figure.savefig(new, dpi=120)
     return path
 

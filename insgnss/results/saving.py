@@ -53,6 +53,13 @@ class _Permission:
     inputs: frozenset[str] = frozenset()
 
 
+# What the files of a save are together, as the record of a folder says it
+PAGE_KIND: Final = "page"
+PICTURE_KIND: Final = "picture"
+EXPORT_KIND: Final = "export"
+RECORDING_KIND: Final = "recording"
+STUDY_KIND: Final = "study"
+
 _NOTHING_SPECIAL: Final = _Permission()
 _NO_SAVES: Final[Mapping[str, _Save]] = MappingProxyType({})
 _permission: Final = ContextVar("permission", default=_NOTHING_SPECIAL)
@@ -142,7 +149,7 @@ def saving_file(path: Path, kind: str) -> Iterator[Path]:
     ResultError : there is a file that may not be replaced
     OSError : it cannot be written
     """
-    if path.exists() and not path.is_file() and not path.is_dir():
+    if _is_device(path):
         yield path
         return
     with saving(path.parent, (path.name,), kind) as new:
@@ -176,6 +183,22 @@ def check_writable(folder: Path) -> None:
         why = f"the system does not let you write into '{there}'"
     if why:
         raise ResultError(why, file=folder, advice="give another --output")
+
+
+def check_file_replaceable(path: Path, kind: str) -> None:
+    """Refuse a file that ``saving_file`` could not write; commands ask before they begin to work.
+
+    Raises
+    ------
+    ResultError : there is a file that may not be replaced, or nothing can be written there
+    """
+    if not _is_device(path):
+        check_replaceable(path.parent, (path.name,), kind)
+
+
+def _is_device(path: Path) -> bool:
+    """Return whether a path is a device or a pipe, which takes what is written and is not replaced."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:

@@ -33,6 +33,8 @@ from insgnss.units import (
     radps_to_deg_per_h,
 )
 
+FILES: Final = ("grade.toml", "allan.csv", "allan.png")
+STUDY_NAME: Final = "Allan study"  # in the record of a folder
 POINTS_PER_DECADE: Final = 12
 # that many independent means at the longest averaging time: its deviation is good to 25 %
 LEAST_CLUSTERS: Final = 9
@@ -186,7 +188,7 @@ class AllanStudy(ResultDisplay):
         ResultError : the folder cannot be written
         """
         try:
-            with saving(folder, ("grade.toml", "allan.csv", "allan.png"), "Allan study") as new:
+            with saving(folder, FILES, STUDY_NAME) as new:
                 names = self._write(new, pictures)
         except OSError as error:
             raise ResultError(f"cannot be written: {error}", file=folder) from error

@@ -50,6 +50,7 @@ from insgnss.version import __version__
 TABLES: Final = ("point", "residuals", "events", "errors")
 _SETTINGS: Final = "point_settings.json"
 FILES: Final = (*table_files(TABLES), _SETTINGS)
+STUDY_NAME: Final = "point solution"  # in the record of a folder
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 
@@ -78,7 +79,7 @@ class PointRun(ResultDisplay):
         """
         folder = Path(folder)
         writing_files = writing("the solution", folder, "give another --output folder")
-        with writing_files, saving(folder, FILES, "point solution") as new:
+        with writing_files, saving(folder, FILES, STUDY_NAME) as new:
             for name in TABLES:
                 write_table(new, name, getattr(self, name), format)
             text = json.dumps(self.settings, indent=1, default=str)

@@ -4,29 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import pandas as pd
 
-from insgnss.results.saving import saving, writing
+from insgnss.results.saving import STUDY_KIND, saving, writing
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 MOMENT_DECIMALS: Final = 6  # of moments in seconds
+StudyContent: TypeAlias = (
+    "pd.DataFrame | str | Callable[[], Figure]"  # of CSV, JSON or PNG; how to draw a picture
+)
 
 
-def write_study(
-    folder: str | Path,
-    tables: Mapping[str, pd.DataFrame],
-    settings: Mapping[str, str],
-    pictures: Mapping[str, Callable[[], Figure]],
-    *,
-    draws: bool,
-) -> Path:
-    """Write each table as CSV, each text of settings as JSON and each picture as PNG into ``folder``; return it.
+def write_study(folder: str | Path, files: Mapping[str, StudyContent], *, draws: bool) -> Path:
+    """Write what each file of a study holds into ``folder``, all at once or none; return the folder.
 
-    All files by their names, all at once or none. Pictures of an earlier study go where ``draws`` is not set.
+    Pictures of an earlier study go where ``draws`` is not set. A command hands the names of the files to
+    ``check_replaceable`` before the study begins.
 
     Raises
     ------
@@ -34,13 +31,12 @@ def write_study(
         installed
     """
     path = Path(folder)
-    names = [*(f"{name}.csv" for name in tables), *(f"{name}.json" for name in settings)]
-    names += [f"{name}.png" for name in pictures]
-    with writing("the study", path), saving(path, names, "study") as new:
-        for name, table in tables.items():
-            table.to_csv(new / f"{name}.csv", index=False, float_format="%.10g")
-        for name, text in settings.items():
-            (new / f"{name}.json").write_text(text, encoding="utf-8")
-        for name, draw in pictures.items() if draws else ():
-            draw().savefig(new / f"{name}.png", dpi=120)
+    with writing("the study", path), saving(path, files, STUDY_KIND) as new:
+        for name, content in files.items():
+            if isinstance(content, pd.DataFrame):
+                content.to_csv(new / name, index=False, float_format="%.10g")
+            elif isinstance(content, str):
+                (new / name).write_text(content, encoding="utf-8")
+            elif draws:
+                content().savefig(new / name, dpi=120)
     return path

@@ -29,6 +29,9 @@ _STATES: Final = (
 )
 
 
+PICTURE_FILE: Final = "margin_flown.png"
+
+
 def picture(study: FlownMargin, path: str | Path) -> Path:
     """Write the picture; return its path.
 

@@ -35,7 +35,7 @@ from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import angle_columns, directions
 from insgnss.interference.margin import db, ratio
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import save_study
+from insgnss.results.table_files import save_study, table_files
 from insgnss.runs.datum import label_as
 from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
@@ -44,6 +44,8 @@ from insgnss.runs.result import Run
 from insgnss.tables import Float64, stretches_of
 
 TABLES: Final = ("satellites", "emitters", "events")
+FILES: Final = table_files(f"margin_{name}" for name in TABLES)
+STUDY_NAME: Final = "margin study"  # in the record of a folder
 LOOPS: Final = ("unaided", "aided")
 
 
@@ -64,7 +66,7 @@ class FlownMargin(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         tables = {f"margin_{name}": getattr(self, name) for name in TABLES}
-        return save_study(folder, tables, format, "margin study")
+        return save_study(folder, tables, format, STUDY_NAME)
 
     def summary(self) -> pd.DataFrame:
         """Return, per satellite, the largest J/S, the least reserves and the share of the time that each loop locks."""

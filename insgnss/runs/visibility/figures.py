@@ -21,6 +21,7 @@ from insgnss.runs.visibility.study import VisibilityStudy
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PICTURES: Final = ("visibility_sky.png", "visibility_timeline.png", "visibility_dop.png")
 COLOURS: Final = dict(zip(DECISIONS, ("#b2182b", "#1b7837", "#ef8a62", "#7fbf7b"), strict=True))
 _BELOW: Final = "#cccccc"  # under the elevation mask
 _GRID_DEG: Final = 2.0  # of the pattern's picture
@@ -33,14 +34,8 @@ def save_figures(study: VisibilityStudy, folder: str | Path) -> list[Path]:
     ------
     ResultError : the folder cannot be written
     """
-    pictures: dict[str, Callable[[VisibilityStudy], Figure]] = {
-        "sky": sky_figure,
-        "timeline": timeline_figure,
-        "dop": dop_figure,
-    }
-    return [
-        save_figure(draw(study), Path(folder) / f"visibility_{name}.png") for name, draw in pictures.items()
-    ]
+    drawn: tuple[Callable[[VisibilityStudy], Figure], ...] = (sky_figure, timeline_figure, dop_figure)
+    return [save_figure(draw(study), Path(folder) / name) for name, draw in zip(PICTURES, drawn, strict=True)]
 
 
 def sky_figure(study: VisibilityStudy) -> Figure:

@@ -26,7 +26,7 @@ from insgnss.geodesy.directions import angle_columns
 from insgnss.gnss.dilution import DOPS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.shown import ResultDisplay
-from insgnss.results.table_files import save_study, words
+from insgnss.results.table_files import save_study, table_files, words
 from insgnss.runs.datum import annotate
 from insgnss.runs.result_tables import event_table, status_words
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
@@ -35,6 +35,8 @@ from insgnss.status import MASKED_ELEVATION, NAMES, USED
 from insgnss.tables import Bool, Event, Float64, Int8, Int64, stretches_of
 
 TABLES: Final = ("satellites", "dop", "events")
+FILES: Final = table_files(f"visibility_{name}" for name in TABLES)
+STUDY_NAME: Final = "visibility study"  # in the record of a folder
 _SINGULAR_GDOP: Final = 1e6  # beyond it the geometry has no solution, only rounding
 _FEWEST: Final = 4  # satellites of one clock that fix a position
 
@@ -57,7 +59,7 @@ class VisibilityStudy(ResultDisplay):
         ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         tables = {f"visibility_{name}": getattr(self, name) for name in TABLES}
-        return save_study(folder, tables, format, "visibility study")
+        return save_study(folder, tables, format, STUDY_NAME)
 
 
 def visibility(

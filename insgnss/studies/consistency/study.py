@@ -54,6 +54,11 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 TABLES: Final = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")
+FILES: Final = (
+    *(f"consistency_{name}.csv" for name in TABLES),
+    "consistency_verdict.json",
+    "consistency.png",
+)
 _WHITENESS: Final = ("correlation", "bound", "pairs")
 
 
@@ -96,10 +101,10 @@ class Consistency(ResultDisplay):
         ------
         ResultError : the folder cannot be written
         """
-        tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
+        tables = (getattr(self, name) for name in TABLES)
         summary = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
-        settings = {"consistency_verdict": json.dumps(summary, indent=1)}
-        return write_study(folder, tables, settings, {"consistency": self.figure}, draws=pictures)
+        contents = (*tables, json.dumps(summary, indent=1), self.figure)
+        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
 
 
 def consistency_study(

@@ -20,7 +20,7 @@ from insgnss.errors import ConfigError
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies import figures
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, OutageCause, Sensors, Update
-from insgnss.studies.result_files import write_study
+from insgnss.studies.result_files import StudyContent, write_study
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -89,9 +89,13 @@ class HiddenVariance(ResultDisplay):
             "sensors": self.sensors,
         }
         settings = json.dumps({**asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
-        tables = {"hidden_variance": self.table, "hidden_variance_summary": self.summary()}
-        written = {"hidden_variance_settings": settings}
-        return write_study(folder, tables, written, {"hidden_variance": self.figure}, draws=pictures)
+        files: dict[str, StudyContent] = {
+            "hidden_variance.csv": self.table,
+            "hidden_variance_summary.csv": self.summary(),
+            "hidden_variance_settings.json": settings,
+            "hidden_variance.png": self.figure,
+        }
+        return write_study(folder, files, draws=pictures)
 
 
 def hidden_satellite_variance(

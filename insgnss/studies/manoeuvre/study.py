@@ -75,9 +75,10 @@ class ManoeuvreStudy(ResultDisplay):
         ------
         ResultError : the folder cannot be written
         """
-        tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
+        tables = {f"manoeuvre_{name}.csv": getattr(self, name) for name in _TABLES}
         text = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
-        return write_study(folder, tables, {"manoeuvre_scenario": text}, self.figures(), draws=pictures)
+        drawn = {f"{name}.png": draw for name, draw in self.figures().items()}
+        return write_study(folder, {**tables, "manoeuvre_scenario.json": text, **drawn}, draws=pictures)
 
 
 def manoeuvre_study(

@@ -99,8 +99,9 @@ class MaskingStudy(ResultDisplay):
         ResultError : the folder cannot be written
         """
         settings = json.dumps({**self.asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
-        tables = {f"masking_{name}": getattr(self, name) for name in TABLES}
-        return write_study(folder, tables, {"masking_settings": settings}, self.figures(), draws=pictures)
+        tables = {f"masking_{name}.csv": getattr(self, name) for name in TABLES}
+        drawn = {f"{name}.png": draw for name, draw in self.figures().items()}
+        return write_study(folder, {**tables, "masking_settings.json": settings, **drawn}, draws=pictures)
 
     def _outage_s(self) -> tuple[float, float]:
         return float(self.reacquisition["lost_s"].min()), float(self.reacquisition["returned_s"].max())

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 TABLES: Final = ("windows", "drift", "errors", "percentiles")
+FILES: Final = (*(f"outage_{name}.csv" for name in TABLES), "outage_settings.json", "outage.png")
 _SETTLED_S: Final = 120.0  # after the start, before the first window of those that are not given
 
 
@@ -113,10 +114,10 @@ class OutageStudy(ResultDisplay):
         ------
         ResultError : the folder cannot be written
         """
-        tables = {f"outage_{name}": getattr(self, name) for name in TABLES}
+        tables = (getattr(self, name) for name in TABLES)
         written = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
-        settings = {"outage_settings": json.dumps(written, indent=1, default=str)}
-        return write_study(folder, tables, settings, {"outage": self.figure}, draws=pictures)
+        contents = (*tables, json.dumps(written, indent=1, default=str), self.figure)
+        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
 
 
 def outage_study(

@@ -69,6 +69,12 @@ if TYPE_CHECKING:
 
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
 _TABLES: Final = ("summary", "thresholds", "channels", "searches", "events", "epochs")
+_PICTURES: Final = ("receiver_errors", "receiver_epochs", "receiver_channel")
+FILES: Final = (
+    *(f"receiver_{name}.csv" for name in _TABLES),
+    "receiver_settings.json",
+    *(f"{name}.png" for name in _PICTURES),
+)
 _OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
 Report = Callable[[int, int], None]
 
@@ -101,11 +107,7 @@ class ReceiverStudy(ResultDisplay):
 
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
         """Return how to draw each picture, by its file's name."""
-        return {
-            "receiver_errors": self.figure,
-            "receiver_epochs": self.epoch_figure,
-            "receiver_channel": self.channel_figure,
-        }
+        return dict(zip(_PICTURES, (self.figure, self.epoch_figure, self.channel_figure), strict=True))
 
     def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
         """Write tables, settings and pictures as ``receiver_*`` into ``folder``; return it.
@@ -114,9 +116,9 @@ class ReceiverStudy(ResultDisplay):
         ------
         ResultError : the folder cannot be written
         """
-        tables = {f"receiver_{name}": getattr(self, name) for name in _TABLES}
-        told = json.dumps(self.asked, indent=1, default=str)
-        return write_study(folder, tables, {"receiver_settings": told}, self.figures(), draws=pictures)
+        tables = (getattr(self, name) for name in _TABLES)
+        contents = (*tables, json.dumps(self.asked, indent=1, default=str), *self.figures().values())
+        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
 
     def _title(self) -> str:
         imu = self.asked["imu"]

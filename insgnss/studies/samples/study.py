@@ -60,6 +60,8 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 RECEIVERS: Final = ("aided", "unaided")
+_TABLES: Final = ("summary", "epochs", "channels", "searches")
+FILES: Final = (*(f"{name}.csv" for name in _TABLES), "settings.json", "sample_receiver.png")
 Progress = Callable[[str], None]
 _Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]  # summary, epochs, channels, searches
 _SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 100.0, 0.3, 0.5, 1.0  # of the given start
@@ -101,9 +103,9 @@ class SampleStudy(ResultDisplay):
         ------
         ResultError : it cannot be written
         """
-        tables = {name: getattr(self, name) for name in ("summary", "epochs", "channels", "searches")}
-        text = {"settings": self.settings.model_dump_json(indent=2)}
-        return write_study(folder, tables, text, {"sample_receiver": self.figure}, draws=figure)
+        tables = (getattr(self, name) for name in _TABLES)
+        contents = (*tables, self.settings.model_dump_json(indent=2), self.figure)
+        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=figure)
 
 
 def sample_receiver(
