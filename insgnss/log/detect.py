@@ -80,7 +80,7 @@ def detect_format(path: Path) -> Format:
     head = data[:_HEAD].decode("latin-1")
     if "CRINEX VERS" in head[:200]:
         return "rinex_observation"
-    rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
+    rinex = _RINEX_TYPE.search(head.replace("\r", "\n").expandtabs())
     if rinex is not None:
         if rinex[1] in _NO_LOGS:
             raise _no_log(path, *_NO_LOGS[rinex[1]])

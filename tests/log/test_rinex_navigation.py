@@ -13,9 +13,11 @@ import pytest
 
 from insgnss.errors import NavigationDataError
 from insgnss.gpstime import datetime_to_ns
+from insgnss.log.detect import detect_format
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import EphemerisTable
 from tests.log.rinex_oracle import Message, navigation_messages
+from tests.log.writing import tabbed
 
 SETS = {
     "instinct_static_20230629": "nav_reach_m2.rnx",
@@ -240,12 +242,16 @@ def test_file_without_ephemerides_is_an_error(tmp_path: Path, text: str) -> None
         read_navigation([write(tmp_path, text)])
 
 
-@pytest.mark.parametrize("version", ["     2   ", "2        ", "     2.11", "     2.1 "])
-def test_version_of_the_archives_merged_files_is_read(tmp_path: Path, version: str) -> None:
+def rinex_2(version: str = "     2.11") -> str:
+    """Return a file of one message in RINEX 2."""
     head = f"{version}           N: GPS NAV DATA                         RINEX VERSION / TYPE\n"
     old = message(toc=" 5 23  6 29 12  0  0.0").replace("G05 ", "", 1)
-    text = head + " " * 60 + "END OF HEADER\n" + old.replace("\n    ", "\n   ")
-    table = read_navigation([write(tmp_path, text)])[0].ephemerides
+    return head + " " * 60 + "END OF HEADER\n" + old.replace("\n    ", "\n   ")
+
+
+@pytest.mark.parametrize("version", ["     2   ", "2        ", "     2.11", "     2.1 "])
+def test_version_of_the_archives_merged_files_is_read(tmp_path: Path, version: str) -> None:
+    table = read_navigation([write(tmp_path, rinex_2(version))])[0].ephemerides
     assert table.sv_names == ("G05",) and table.toe_sow_s.tolist() == [388_800.0]
 
 
@@ -294,3 +300,50 @@ def test_damaged_coefficients_of_one_system_leave_those_of_gps(tmp_path: Path) -
 
     assert navigation.klobuchar is not None and navigation.klobuchar[4] == 1e5
     assert [event.kind for event in events] == ["navigation_damaged"]
+
+
+@pytest.mark.parametrize("version", [2, 3, 4])
+@pytest.mark.parametrize("way", ["editor", "one blank"])
+def test_tabs_are_read_as_the_blanks_that_they_stand_for(tmp_path: Path, version: int, way: str) -> None:
+    text = {
+        2: rinex_2("     2   "),
+        3: HEADER + message() + message("E11"),
+        4: HEADER_4 + record_4("ION G05 LNAV") + "> EPH G05 LNAV\n" + message(),
+    }[version]
+    head, end, body = text.partition("END OF HEADER\n")
+    with_tabs = tabbed(text) if way == "editor" else head + end + body.replace(" ", "\t")
+    plain, _ = read_navigation([write(tmp_path, text)])
+
+    path = write(tmp_path, with_tabs, "tabs.rnx")
+    navigation, events = read_navigation([path])
+
+    assert detect_format(path) == "rinex_navigation"
+    assert [event.kind for event in events] == ["rinex_tabs"] and "tabs.rnx:" in events[0].detail
+    for field in fields(EphemerisTable):
+        np.testing.assert_array_equal(
+            getattr(navigation.ephemerides, field.name), getattr(plain.ephemerides, field.name)
+        )
+    np.testing.assert_array_equal(navigation.klobuchar, plain.klobuchar)
+
+
+@pytest.mark.parametrize(
+    ("before", "line"), [("G05 2023 06 29", 6), ("1.000000000000E-07 1.2000", 9)], ids=["clock", "orbit"]
+)
+def test_tab_that_hides_the_columns_of_a_message_costs_it_and_says_so(
+    tmp_path: Path, before: str, line: int
+) -> None:
+    text = HEADER + message().replace(before, before.replace(" ", " \t", 1)) + message("G07")
+    navigation, events = read_navigation([write(tmp_path, text)])
+
+    assert navigation.ephemerides.sv_names == ("G07",)
+    assert [event.kind for event in events] == ["rinex_tabs", "navigation_damaged"]
+    assert f"their messages are refused: line(s) {line}" in events[0].detail
+    assert "G05" in events[1].detail
+
+
+def test_joined_files_with_tabs_are_each_read_by_their_own_header(tmp_path: Path) -> None:
+    text = tabbed(HEADER + message() + HEADER + message("G07"))
+    navigation, events = read_navigation([write(tmp_path, text)])
+
+    assert navigation.ephemerides.sv_names == ("G05", "G07")
+    assert [event.kind for event in events] == ["rinex_joined", "rinex_tabs", "rinex_tabs"]

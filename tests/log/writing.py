@@ -78,3 +78,14 @@ def gnss_lines(n_epochs: int = 20, satellites: Sequence[str] = ("G05", "G07", "G
 def write_gnss(path: Path, lines: Sequence[str]) -> Path:
     """Write GNSS rows under the default header."""
     return write_lines(path, [GNSS_HEADER, *lines])
+
+
+def tabbed(text: str) -> str:
+    """Return a text with a tab for the blanks before every eighth column, as an editor saves it."""
+    cut = [[line[k : k + 8] for k in range(0, len(line), 8)] for line in text.split("\n")]
+    with_tabs = [
+        "".join(f"{part.rstrip()}\t" if part.endswith("  ") else part for part in line[:-1])
+        + "".join(line[-1:])
+        for line in cut
+    ]
+    return "\n".join(with_tabs)

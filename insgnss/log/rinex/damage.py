@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+from insgnss.log.rinex.tabs import without_tabs
 from insgnss.log.rinex.text import EPOCH_2, EPOCH_3, LABEL_COLUMN, ObservationText, version_of
 from insgnss.tables import Event
 
@@ -45,33 +46,11 @@ class ParsedText:
     refused: list[tuple[int, str]] = field(default_factory=list)
 
 
-def without_tabs(text: str, path: str) -> tuple[str, list[Event]]:
-    """Return an observation text with blanks for its tabs, and an event of it.
-
-    A tab stands for blanks up to the next of every eight columns, as editors write it, or for one blank: for that with
-    which all cells of its line are written as F14.3. A line that is so with neither loses its observations.
-    """
-    if "\t" not in text:
-        return text, []
-    lines = text.split("\n")
-    body = next((k for k, line in enumerate(lines) if "END OF HEADER" in line), len(lines)) + 1
+def observations_without_tabs(text: str, path: str) -> tuple[str, list[Event]]:
+    """Return an observation text with blanks for its tabs, as of ``without_tabs``: all cells are written as F14.3."""
     with_names = version_of(text) >= 3.0
-    tabbed = [k for k, line in enumerate(lines) if "\t" in line]
-    lost = []
-    for k in tabbed:
-        ways = (lines[k].expandtabs(), lines[k].replace("\t", " "))
-        fitting = (way for way in ways if k < body or _is_in_columns(way, with_names))
-        lines[k] = next(fitting, "")
-        if not lines[k] and ways[1].strip():
-            lines[k] = ways[1][: 3 if with_names else 0]
-            lost.append(str(k + 1))
-    detail = f"{path}:{tabbed[0] + 1}: tabs in {len(tabbed)} line(s) read as blanks"
-    if lost:
-        detail += (
-            f"; the columns of {len(lost)} of them are not clear, their observations are refused: line(s) "
-        )
-        detail += ", ".join(lost[:5]) + (", ..." if lost[5:] else "")
-    return "\n".join(lines), [Event(None, "rinex_tabs", detail)]
+    name_width = 3 if with_names else 0
+    return without_tabs(text, path, lambda line: _is_in_columns(line, with_names), name_width, "observations")
 
 
 def _is_in_columns(line: str, with_names: bool) -> bool:

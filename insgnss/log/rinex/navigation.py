@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,15 @@ from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.first_events import first_events
 from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
-from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date, read_state_vectors, state_vector_table
-from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files
+from insgnss.log.rinex.states import (
+    IMPOSSIBLE_DATE,
+    NUMBER_WIDTH,
+    is_date,
+    read_state_vectors,
+    state_vector_table,
+)
+from insgnss.log.rinex.tabs import without_tabs
+from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, version_of
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {
@@ -43,6 +50,30 @@ _ELEMENTS: Final = (
     *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
     *("cuc", "cus", "crc", "crs", "cic", "cis"),
 )
+
+
+class _MessageForm(NamedTuple):
+    """The columns of a message's lines, RINEX 2.11 table A4, 3.05 table A6, 4.01 chapter 8."""
+
+    clock: re.Pattern[str]  # what stands before the numbers of a line with a time
+    name_width: int  # columns of a satellite's name, blank in the lines after the first
+    indent: int  # columns before the numbers of the other lines
+
+    def is_in_columns(self, line: str) -> bool:
+        """Return whether the numbers of a line fill their columns of 19 characters."""
+        if line.startswith(">"):
+            return _RECORD.match(line) is not None
+        timed = self.clock.match(line)
+        first = timed.end() if timed else self.indent
+        numbers = [line[k : k + NUMBER_WIDTH] for k in range(first, len(line.rstrip()), NUMBER_WIDTH)]
+        blank = timed is not None or not line[:first].strip()
+        return blank and all(not cell.strip() or _NUMBER.fullmatch(cell) for cell in numbers)
+
+
+_NUMBER: Final = re.compile(rf"(?=.{{{NUMBER_WIDTH}}}$) *[-+]?\d*\.?\d*(?:[DEde][-+]?\d+)?")
+_RECORD: Final = re.compile(r"> [A-Z]{3} [A-Z][ \d]{2} ")  # RINEX 4
+_FORM_2: Final = _MessageForm(re.compile(r"[ \d]\d(?: [ \d]\d){5}[ \d]{2}\d\.\d"), 2, 3)
+_FORM_3: Final = _MessageForm(re.compile(r"(?:[A-Z][ \d]\d| {3}) \d{4}(?: [ \d]\d){5}"), 3, 4)
 
 
 @dataclass
@@ -83,7 +114,8 @@ def read_navigation(
         files += parts
         found.events += joining
     for file in files:
-        text = _navigation_text(file)
+        text, tabs = _navigation_text(file)
+        found.events += tabs
         _read_records(text, file.name, found)
         ionosphere = read_ionosphere(text)
         of_gps = ionosphere.pop("gps", None)
@@ -115,8 +147,16 @@ def read_navigation(
     return navigation, found.events
 
 
-def _navigation_text(file: JoinedFile) -> str:
-    text = file.text
+def _navigation_text(file: JoinedFile) -> tuple[str, list[Event]]:
+    """Return a file's text as ``sidereon`` reads it, and an event of its tabs.
+
+    Raises
+    ------
+    NavigationDataError : it is not a RINEX navigation file
+    """
+    is_old = version_of(file.text) < 3.0
+    form = _FORM_2 if is_old else _FORM_3
+    text, events = without_tabs(file.text, file.name, form.is_in_columns, form.name_width, "messages")
     head = text[:400]
     if FIRST_LABEL not in head or head[20:21] not in "NGELJCRIHS":
         raise NavigationDataError(
@@ -129,7 +169,7 @@ def _navigation_text(file: JoinedFile) -> str:
         # the archives' merged files state "2" where the format asks for F9.2, and sidereon insists on the format
         text = f"{int(version):9.2f}{text[9:]}"
     # what holds for a whole system may leave out the satellite that sent it, and sidereon insists on one
-    return _NO_SATELLITE.sub(r"\g<1>01", text)
+    return _NO_SATELLITE.sub(r"\g<1>01", text), events
 
 
 def _read_records(text: str, path: str, found: _NavigationContents) -> None:

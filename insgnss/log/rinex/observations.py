@@ -17,7 +17,13 @@ from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage, without_tabs
+from insgnss.log.rinex.damage import (
+    DamagedCell,
+    ParsedStretch,
+    ParsedText,
+    observations_without_tabs,
+    parse_around_damage,
+)
 from insgnss.log.rinex.hatanaka import sound_start
 from insgnss.log.rinex.header import mended_header, slot_channels, without_skipped_lines
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
@@ -77,7 +83,7 @@ def _read_path(path: Path, offset_s: float) -> tuple[list[GnssTable], list[Event
 def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable, list[Event]]:
     path = file.name
     text, events = _observation_text(file)
-    text, more_events = without_tabs(text, path)
+    text, more_events = observations_without_tabs(text, path)
     events += more_events
     text, channels, more_events = slot_channels(text, path)
     events += more_events

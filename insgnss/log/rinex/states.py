@@ -23,7 +23,7 @@ NO_DATE: Final = -1  # [ns] for the year 1 and its like
 _J2000: Final = dt.datetime(2000, 1, 1, 12)
 IMPOSSIBLE_DATE: Final = "its date is impossible"
 _LATEST_NS: Final = datetime_to_ns(dt.datetime(2100, 1, 1))
-_FIELD: Final = 19  # characters of a number
+NUMBER_WIDTH: Final = 19  # characters
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ def _without_channel(block: list[str], *, old: bool) -> list[str]:
     at = block[0].startswith(">") + 2
     if len(block) <= at:
         return block
-    start = (3 if old else 4) + 3 * _FIELD
-    return [*block[:at], f"{block[at][:start]:{start}}{UNKNOWN_CHANNEL:{_FIELD}.12E}", *block[at + 1 :]]
+    start = (3 if old else 4) + 3 * NUMBER_WIDTH
+    return [*block[:at], f"{block[at][:start]:{start}}{UNKNOWN_CHANNEL:{NUMBER_WIDTH}.12E}", *block[at + 1 :]]
 
 
 def _sbas(block: list[str], *, old: bool) -> StateVector:
@@ -187,5 +187,5 @@ def _sbas(block: list[str], *, old: bool) -> StateVector:
 
 def _numbers(line: str, start: int, n: int) -> list[float]:
     """Return the ``n`` numbers of a line from a column on; a blank one counts as zero."""
-    fields = (line[start + _FIELD * k : start + _FIELD * (k + 1)].strip() for k in range(n))
+    fields = (line[start + NUMBER_WIDTH * k : start + NUMBER_WIDTH * (k + 1)].strip() for k in range(n))
     return [float(field.replace("D", "E").replace("d", "E")) if field else 0.0 for field in fields]

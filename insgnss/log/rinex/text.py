@@ -68,7 +68,7 @@ def _later_headers(text: str, label: str) -> Iterator[int]:
     at = text.find(label, 2 * LABEL_COLUMN)
     while at >= 0:
         start = text.rfind("\n", 0, at) + 1
-        if at - start == LABEL_COLUMN:
+        if len(text[start:at].expandtabs()) == LABEL_COLUMN:
             yield start
         at = text.find(label, at + len(label))
 
