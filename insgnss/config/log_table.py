@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -19,6 +20,8 @@ from insgnss.config.strict import StrictModel
 TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
 NO_COLUMN = "none"  # instead of a column's name: the log has no such column
 _MOST_COLUMNS = 10_000
+# in the name of a column, without blanks and marks
+_DAY_OF_YEAR = re.compile(r"doy|of(?:the)?year|yearday|[jy]day|julian|ordinal", re.IGNORECASE)
 
 
 def _by_number(name: Any) -> Any:
@@ -59,8 +62,9 @@ class TimeScale(StrictModel):
     origin: Literal["gps_week", "gps_epoch", "unix_epoch", "calendar"] = Field(
         "gps_week", description="origin of numeric times; 'calendar': dates such as 2025-08-28T17:30:22.961Z"
     )
-    date_order: Literal["ymd", "dmy", "mdy"] = Field(
-        "ymd", description="order of year, month and day in a date"
+    date_order: Literal["ymd", "dmy", "mdy", "yd"] = Field(
+        "ymd",
+        description="order of year, month and day in a date; 'yd': columns.date names years and days of the year",
     )
     date: dt.date | None = Field(
         None, description="date of the first row, where the log holds only times of day"
@@ -124,7 +128,7 @@ class LogColumns(StrictModel):
     date: DateColumns = Field(
         NO_COLUMN,
         description="column of dates, where the time column holds the time of day; or of years, months, days; or of"
-        " years, days of the year",
+        " years, days of the year, if the name of the second says so ('doy') or time.date_order is 'yd'",
     )
     week: ColumnName = Field(
         NO_COLUMN, description="column of GPS weeks, where the time column holds seconds of the week"
@@ -194,8 +198,7 @@ class LogTable(StrictModel):
             raise ValueError(
                 "unit is of one column of numbers: leave it out beside hours, minutes and seconds"
             )
-        if len(self.columns.date_names) > 1 and self.time.date_order != "ymd":
-            raise ValueError("columns.date lists years, months, days in this order: leave date_order out")
+        self._check_date_parts()
         if self.time.origin != "calendar":
             return self
         if self.columns.nanoseconds != NO_COLUMN:
@@ -210,6 +213,29 @@ class LogTable(StrictModel):
                 " columns.date where columns.time counts from midnight"
             )
         return self
+
+    def _check_date_parts(self) -> None:
+        """Refuse columns of parts of a date that contradict the declared order, or do not say what they count.
+
+        Raises
+        ------
+        ValueError : they do
+        """
+        names, order = self.columns.date_names, self.time.date_order
+        if len(names) != 2 and order == "yd":
+            raise ValueError(
+                "date_order = 'yd' is of two columns, years and days of the year: name both as columns.date"
+            )
+        if len(names) == 3 and order != "ymd":
+            raise ValueError("columns.date lists years, months, days in this order: leave date_order out")
+        if len(names) == 2 and order not in ("ymd", "yd"):
+            raise ValueError("columns.date lists years, days of the year in this order: leave date_order out")
+        if len(names) == 2 and order != "yd" and not _DAY_OF_YEAR.search(re.sub(r"[\W_]", "", names[1])):
+            raise ValueError(
+                f"columns.date = {list(names)}: two columns are read as years and days of the year, and"
+                f" '{names[1]}' does not say that it counts these. If it does (1 to 366), write time.date_order = 'yd'"
+                " or give the column such a name as 'doy'; a date by months needs three columns: years, months, days"
+            )
 
     @property
     def counts_in_gps_week(self) -> bool:

@@ -321,6 +321,43 @@ def test_year_and_day_of_the_year_may_have_a_column_each(
     assert ["log.csv:5" in event.detail for event in events] == [True]  # 2023 has no such day
 
 
+@pytest.mark.parametrize("name", ["DOY", "day_of_year", "Day of the Year", "yday", "julian day", "#2"])
+def test_days_of_the_year_are_named_as_such_or_declared(tmp_path: Path, name: str) -> None:
+    declared = {"date_order": "yd"} if name == "#2" else {}
+    log = LogTable.model_validate(
+        {
+            "columns": {"date": ["year", name], "time": "t"},
+            "time": {"origin": "calendar", "scale": "gps", **declared},
+        }
+    )
+    assert log.columns.date_names == ("year", name)
+
+
+def test_declared_days_of_the_year_need_no_such_name(tmp_path: Path) -> None:
+    columns = {"date": ["jahr", "tag"], "time": "t"}
+    t_ns, _ = read(tmp_path, "jahr,tag,t,x", ["2024,60,09:00:00,1"], columns, scale="gps", date_order="yd")
+    assert t_ns.tolist() == [ns_of(dt.datetime(2024, 2, 29, 9))]
+
+
+@pytest.mark.parametrize(
+    ("date", "order", "told"),
+    [
+        (["year", "month"], None, "'month' does not say"),
+        (["year", "day"], None, "three columns: years, months, days"),
+        (["#1", "#2"], None, "time.date_order = 'yd'"),
+        (["year", "doy"], "dmy", "leave date_order out"),
+        (["year", "month", "day"], "yd", "of two columns"),
+        ("day", "yd", "of two columns"),
+    ],
+)
+def test_two_columns_of_a_date_that_do_not_say_what_they_count_are_refused(
+    date: list[str] | str, order: str | None, told: str
+) -> None:
+    time = {"origin": "calendar", "scale": "gps"} | ({} if order is None else {"date_order": order})
+    with pytest.raises(ValidationError, match=told):
+        LogTable.model_validate({"columns": {"date": date, "time": "t"}, "time": time})
+
+
 def test_hour_minute_and_second_columns_go_with_a_declared_date_or_one_column_of_dates(
     tmp_path: Path,
 ) -> None:

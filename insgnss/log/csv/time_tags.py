@@ -46,7 +46,7 @@ def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
         declared = scale.model_fields_set
         calendar = Calendar(
             names.time_names,
-            scale.date_order,
+            "ymd" if scale.date_order == "yd" else scale.date_order,
             scale.scale,
             scale.leap_seconds,
             is_order_declared="date_order" in declared,
