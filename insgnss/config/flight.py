@@ -327,3 +327,16 @@ class FlightConfig(StrictModel):
             raise KeyValueError("[attitude] needs the carrier phases of [gnss]: give it too", "gnss")
         require_own_names([sensor.label for sensor in self.sensor], "sensors", "sensor")
         return self
+
+    def columns_by_file(self) -> dict[Path, tuple[str, ...]]:
+        """Return the columns that inertial log, sensors and reference read from each file: several may share one."""
+        tables: list[tuple[LogColumns, tuple[Path, ...]]] = [
+            (sensor.columns, sensor.files) for sensor in self.sensor
+        ]
+        tables += [] if self.imu is None else [(self.imu.columns, self.imu.every_file)]
+        tables += [] if self.reference is None else [(self.reference.columns, (self.reference.file,))]
+        found: dict[Path, tuple[str, ...]] = {}
+        for columns, files in tables:
+            for path in files:
+                found[path] = (*found.get(path, ()), *columns.all_names())
+        return found

@@ -123,7 +123,9 @@ class Flight(ResultDisplay):
         with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
             gnss = beside.submit(self._gnss_logs)
             hashes = beside.submit(self._hashes)
-            imu, events = read_imu(declared, self.config.gps_week, self.imu_grade)
+            imu, events = read_imu(
+                declared, self.config.gps_week, self.imu_grade, self.config.columns_by_file()
+            )
             logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
             logs = replace(logs, input_hashes=hashes.result())
         pa.default_memory_pool().release_unused()  # what the parsing threads have left there
@@ -143,7 +145,7 @@ class Flight(ResultDisplay):
             events += outside_events(imu.t_ns, logs.gnss.t_ns)
         reference = None
         if config.reference is not None:
-            reference, found = read_reference(config.reference, config.gps_week)
+            reference, found = read_reference(config.reference, config.gps_week, config.columns_by_file())
             events += found
         if config.gnss.lever_b is None and config.gnss.files:
             detail = "gnss.lever_arm_m is not given: zero is assumed; measure the lever arm and give it"
@@ -151,7 +153,7 @@ class Flight(ResultDisplay):
         further, found = read_further_antennas(config, logs.gnss)
         sensors, more_events = self._sensors(imu)
         return FlightLogs(
-            *(imu, logs.gnss, logs.navigation, reference, events + found + more_events, {}),
+            *(imu, logs.gnss, logs.navigation, reference, _once(events + found + more_events), {}),
             *(logs.products, logs.antennas, logs.base, further, sensors),
         )
 
@@ -163,10 +165,9 @@ class Flight(ResultDisplay):
                 detail = f"sensor '{sensor.label}' names no files: nothing of it is used in a replay"
                 events.append(Event(None, "sensor_without_log", detail))
                 continue
-            table, found = read_sensor(sensor, self.config.gps_week, self.config.sensor)
+            table, found = read_sensor(sensor, self.config.gps_week, self.config.columns_by_file())
             tables.append(table)
-            # an event of columns that two sensors of one file leave unread: once
-            events += [event for event in found if event.kind != "columns_not_read" or event not in events]
+            events += found
             events += sensor_outside(imu.t_ns, table, self.config.gps_week)
         return tuple(tables), events
 
@@ -215,6 +216,14 @@ class FlightInMemory(Flight):
     def read(self) -> FlightLogs:
         """Return the logs."""
         return self.logs
+
+
+def _once(events: list[Event]) -> list[Event]:
+    """Return the events, that of columns which no log of a file reads only once."""
+    unread = dict.fromkeys(event.detail for event in events if event.kind == "columns_not_read")
+    return [
+        event for event in events if event.kind != "columns_not_read" or unread.pop(event.detail, "") is None
+    ]
 
 
 def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:

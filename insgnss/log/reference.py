@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.config.flight import Reference
 from insgnss.errors import ColumnError, InputError
-from insgnss.log.csv.columns import ColumnSelection
+from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
@@ -17,7 +17,9 @@ from insgnss.log.own_solution import on_earth
 from insgnss.tables import Event, Int64, ReferenceTable
 
 
-def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[Event]]:
+def read_reference(
+    config: Reference, week: int, shared: FileColumns = NOTHING_SHARED
+) -> tuple[ReferenceTable, list[Event]]:
     """Read a reference trajectory; rows are sorted by time, of rows with one time the first stays.
 
     Velocity, attitude and sigmas are NaN where the file has none; quality is 1 where the file does not say. Rows of a
@@ -33,7 +35,10 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     # a limit on what is not there would leave nothing out
     needed = () if config.quality_max is None else (names.quality,)
     wanted = ColumnSelection(
-        numeric=names.position, optional=optional, chosen=(*names.chosen_names(), *needed)
+        numeric=names.position,
+        optional=optional,
+        chosen=(*names.chosen_names(), *needed),
+        elsewhere=shared.get(config.file, ()),
     )
     table = read_csv_table(config.file, wanted_with_time(config, wanted))
     t_ns, rows, events = gps_times(table, config, week)

@@ -55,6 +55,23 @@ def test_logs_are_read_from_paths_beside_the_flight_file(
     assert logs.events == []
 
 
+def test_inertial_log_reference_and_sensor_may_share_a_file(folder: Path) -> None:
+    header, *rows = (folder / "imu.csv").read_text().splitlines()
+    more = ["1000.0" if k % 4 == 0 else "" for k in range(len(rows))]
+    lines = [f"{header},lat_deg,lon_deg,h_m,pressure_hpa,temperature"]
+    lines += [f"{row},45,7,300,{pressure},20" for row, pressure in zip(rows, more, strict=True)]
+    (folder / "imu.csv").write_text("\n".join(lines) + "\n")
+    sharing = '[reference]\nfile = "imu.csv"\n[[sensor]]\nkind = "barometer"\nfiles = ["imu.csv"]\n'
+
+    logs = read(folder, "[gnss]", sharing + "[gnss]")
+
+    assert len(logs.imu.t_ns) == 2000 and len(logs.sensors[0].t_ns) == 500
+    assert logs.reference is not None and len(logs.reference.t_ns) == 2000
+    told = {event.kind: event.detail for event in logs.events}
+    assert sorted(event.kind for event in logs.events) == ["columns_not_read", "sensor_rows_without_reading"]
+    assert told["columns_not_read"].endswith("further columns: temperature")
+
+
 def test_flight_file_may_be_named_relative_to_the_working_folder(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

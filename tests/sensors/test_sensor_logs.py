@@ -160,8 +160,29 @@ def test_columns_that_one_of_two_sensors_of_a_file_reads_are_not_told_as_unread(
     kinds = TypeAdapter(Sensor)
     pair = [kinds.validate_python({"kind": kind, "files": [path]}) for kind in ("odometer", "barometer")]
 
+    shared = {path: tuple(name for sensor in pair for name in sensor.columns.all_names())}
     for sensor in pair:
-        _, events = read_sensor(sensor, WEEK, pair)
+        _, events = read_sensor(sensor, WEEK, shared)
         assert [event.detail for event in events] == [f"{path} has further columns: note"]
     _, alone = read_sensor(pair[0], WEEK)
     assert [event.detail for event in alone] == [f"{path} has further columns: pressure_hpa, note"]
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "text"])
+def test_rows_without_a_value_hold_no_reading_where_another_log_shares_the_file(
+    tmp_path: Path, cell: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"time_s,gyro_x,pressure_hpa\n1,0,1000\n2,0,{cell}\n3,0,{cell}\n4,0,1001\n")
+    config = TypeAdapter(Sensor).validate_python({"kind": "barometer", "files": [path]})
+
+    table, events = read_sensor(config, WEEK, {path: ("time_s", "gyro_x")})
+    kinds = [event.kind for event in events]
+    if cell == "text":  # something was written, and cannot be read
+        assert len(table.t_ns) == 4 and "sensor_bad_values" in kinds
+    else:
+        assert np.isfinite(table.values).all() and len(table.t_ns) == 2
+        assert kinds == ["sensor_rows_without_reading"] and "2 of 4 rows" in events[0].detail
+
+    alone, events = read_sensor(config, WEEK)
+    assert len(alone.t_ns) == 4 and "sensor_bad_values" in [event.kind for event in events]

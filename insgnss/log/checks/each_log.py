@@ -80,13 +80,14 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     read is an error in the report, not an exception; the others are still looked at.
     """
     config = flight.config
+    shared = config.columns_by_file()
     findings: list[Finding] = []
     imu: ImuTable | None = None
     if config.imu is None:
         findings.append(Finding("warning", "imu", "no inertial log", "describe it under [imu] for a replay"))
     else:
         declared = config.imu
-        imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade))
+        imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade, shared))
         if imu is not None:
             findings += imu_findings(imu, config.gps_week, accel_unit=declared.accel_unit)
     receiver = None
@@ -111,7 +112,9 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     _check_navigation(findings, flight, receiver, navigation)
     if config.reference is not None:
         reference_config = config.reference
-        reference = _attempt(findings, "reference", lambda: read_reference(reference_config, config.gps_week))
+        reference = _attempt(
+            findings, "reference", lambda: read_reference(reference_config, config.gps_week, shared)
+        )
         if reference is not None:
             findings += _reference_findings(reference, imu, reference_config.quality_max)
     if imu is not None and gnss is not None:

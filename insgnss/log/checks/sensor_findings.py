@@ -7,7 +7,7 @@ are neglected: metres and tenths of m/s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,12 +19,14 @@ from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.log.checks.report import Finding, Severity, from_events
 from insgnss.log.checks.track import GnssTrack
+from insgnss.log.csv.columns import FileColumns
 from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.tables import Bool, Float64, ImuTable, SensorTable
 from insgnss.units import SI_PER_UNIT
 
+_NOTICES: Final = frozenset({"columns_not_read", "csv_delimiter", "sensor_rows_without_reading"})
 _LEAST_POINTS: Final = 10
 _MOVING_MPS: Final = 3.0
 _FACTOR: Final = 1.1  # of an odometer: tyres differ by less
@@ -71,20 +73,20 @@ class SensorLogRead(NamedTuple):
 
 def read_sensor_logs(flight: Flight) -> list[SensorLogRead]:
     """Read the log of each further sensor; one that cannot be read is a finding."""
-    sensors = flight.config.sensor
-    return [_read(config, flight.config.gps_week, sensors) for config in sensors]
+    shared = flight.config.columns_by_file()
+    return [_read(config, flight.config.gps_week, shared) for config in flight.config.sensor]
 
 
-def _read(config: Sensor, week: int, sensors: Sequence[Sensor]) -> SensorLogRead:
+def _read(config: Sensor, week: int, shared: FileColumns) -> SensorLogRead:
     if not config.files:
         no_log = Finding("ok", config.label, "has no log: its values come live")
         return SensorLogRead(config, None, [no_log])
     try:
-        table, events = read_sensor(config, week, sensors)
+        table, events = read_sensor(config, week, shared)
     except InsGnssError as error:
         text = f"{error.place()}: {error.message}" if error.place() else error.message
         return SensorLogRead(config, None, [Finding("error", config.label, text, error.advice)])
-    found = from_events(config.label, events, frozenset({"columns_not_read", "csv_delimiter"}))
+    found = from_events(config.label, events, _NOTICES)
     return SensorLogRead(config, table, [*found, _rate(config, table)])
 
 

@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,10 @@ from insgnss.errors import ColumnError
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.dialect import Dialect, column_number, is_data
 from insgnss.tables import Event, Float64, Int64
+
+# the columns that all logs of a flight read, by file (``FlightConfig.columns_by_file``)
+FileColumns: TypeAlias = Mapping[Path, Sequence[str]]
+NOTHING_SHARED: Final[FileColumns] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,7 @@ class ColumnSelection:
     of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal`` is the mark before the
     decimals of all numbers. The numbers of columns named ``together`` lie side by side in memory where the file has all
     of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional. What is
-    read ``elsewhere``, by another sensor of the same file, is not reported as unread.
+    read ``elsewhere``, by another log of the flight in the same file, is not reported as unread.
     """
 
     numeric: Sequence[str] = ()

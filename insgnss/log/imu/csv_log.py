@@ -7,6 +7,7 @@ are an error (``imu_units``), damaged samples are events (``imu_time``, ``imu_fa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from insgnss.config.flight import FlightConfig, ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import ColumnError, ConfigError, InputError
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.log.csv.columns import ColumnSelection
+from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
@@ -43,7 +44,9 @@ class _RawColumns:
         return _RawColumns(self.t_ns[kept], [c[kept] for c in self.gyro], [c[kept] for c in self.accel])
 
 
-def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tuple[ImuTable, list[Event]]:
+def read_imu(
+    config: ImuConfig, week: int, grade: ImuGrade | None = None, shared: FileColumns = NOTHING_SHARED
+) -> tuple[ImuTable, list[Event]]:
     """Read an inertial log of one or several files.
 
     Parameters
@@ -59,7 +62,7 @@ def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tup
     """
     mounting_matrix(config)
     file = ", ".join(map(str, config.every_file))
-    raw, events = _increasing(config, week, file)
+    raw, events = _increasing(config, week, file, shared)
     step = np.diff(raw.t_ns)
     median_ns = float(np.median(step))
     events += gap_events(raw.t_ns, step, median_ns, file)
@@ -86,16 +89,18 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
     return _to_table(raw, step, own, file)[0]
 
 
-def _increasing(config: ImuConfig, week: int, file: str) -> tuple[_RawColumns, list[Event]]:
+def _increasing(
+    config: ImuConfig, week: int, file: str, shared: FileColumns = NOTHING_SHARED
+) -> tuple[_RawColumns, list[Event]]:
     """Return the samples of all files whose time increases, at least two."""
     names = config.columns
     if config.accel_files:
-        gyro, events = _read_files(config, config.files, names.gyro, (), week)
-        accel, found = _read_files(config, config.accel_files, (), names.accel, week)
+        gyro, events = _read_files(config, config.files, (names.gyro, ()), week, shared)
+        accel, found = _read_files(config, config.accel_files, ((), names.accel), week, shared)
         raw, more_events = _at_the_gyros_times(gyro, accel, week, file)
         events += found + more_events
     else:
-        raw, events = _read_files(config, config.files, names.gyro, names.accel, week)
+        raw, events = _read_files(config, config.files, (names.gyro, names.accel), week, shared)
     if len(raw.t_ns) < 2:
         raise InputError("an inertial log needs at least two samples", file=file)
     return raw, events
@@ -156,14 +161,18 @@ def _axes(
 
 
 def _read_files(
-    config: ImuConfig, files: tuple[Path, ...], gyro: tuple[str, ...], accel: tuple[str, ...], week: int
+    config: ImuConfig,
+    files: tuple[Path, ...],
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    week: int,
+    shared: FileColumns,
 ) -> tuple[_RawColumns, list[Event]]:
     """Return the samples of all files with the columns that they hold, the files ordered by their first time."""
     events: list[Event] = []
     parts: list[_RawColumns] = []
     for path in files:
         previous = int(parts[-1].t_ns[-1]) if parts else None
-        part, found = _read_file(config, path, (gyro, accel), week, previous)
+        part, found = _read_file(config, path, names, (week, previous), shared.get(path, ()))
         parts.append(part)
         events += found
     if len(parts) == 1:
@@ -187,13 +196,21 @@ def _read_file(
     config: ImuConfig,
     path: Path,
     names: tuple[tuple[str, ...], tuple[str, ...]],
-    week: int,
-    previous_ns: int | None,
+    after: tuple[int, int | None],
+    elsewhere: Sequence[str],
 ) -> tuple[_RawColumns, list[Event]]:
-    """Return the samples of a file; ``names`` are the columns of gyros and accelerometers, empty where it has none."""
-    gyro, accel = names
+    """Return the samples of a file.
+
+    Parameters
+    ----------
+    names : columns of gyros and accelerometers, empty where it has none
+    after : GPS week of the log, and the last time [ns] of the file before, if there is one
+    elsewhere : columns that other logs of the flight read from the file
+    """
+    (gyro, accel), (week, previous_ns) = names, after
+    wanted = ColumnSelection(numeric=(*gyro, *accel), elsewhere=elsewhere)
     try:
-        table = read_csv_table(path, wanted_with_time(config, ColumnSelection(numeric=(*gyro, *accel))))
+        table = read_csv_table(path, wanted_with_time(config, wanted))
     except ColumnError as error:
         if not gyro or not accel or not _has_one_sensor(config, path):
             raise

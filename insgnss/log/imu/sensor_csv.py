@@ -6,7 +6,7 @@ A cell that is empty, unreadable or beyond what the kind can measure is NaN: the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -28,7 +28,7 @@ from insgnss.errors import InputError
 from insgnss.geodesy.local_level import geodetic
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
-from insgnss.log.csv.columns import ColumnSelection
+from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
@@ -50,12 +50,15 @@ _POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
 _LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter the mean speed is not a reading
 
 
-def read_sensor(config: Sensor, week: int, sensors: Sequence[Sensor] = ()) -> tuple[SensorTable, list[Event]]:
+def read_sensor(
+    config: Sensor, week: int, shared: FileColumns = NOTHING_SHARED
+) -> tuple[SensorTable, list[Event]]:
     """Read a further sensor's log in SI units and body axes.
 
     Parameters
     ----------
-    sensors : all of the flight; what another of them reads from the same file is not reported as unread
+    shared : columns that all logs of the flight read, by file; in a file with those of another log, which may have more
+        rows, a row without any value of this sensor holds no reading
 
     Raises
     ------
@@ -65,11 +68,14 @@ def read_sensor(config: Sensor, week: int, sensors: Sequence[Sensor] = ()) -> tu
     parts: list[tuple[Int64, Float64, Float64]] = []
     events: list[Event] = []
     for path in config.files:
-        others = [name for other in sensors if path in other.files for name in other.columns.all_names()]
-        wanted = replace(wanted_with_time(config, _wanted(config)), elsewhere=others)
+        elsewhere = shared.get(path, ())
+        wanted = replace(wanted_with_time(config, _wanted(config)), elsewhere=elsewhere)
         table = read_csv_table(path, wanted)
         t_ns, rows, found = gps_times(table, config, week)
         table = table if rows is None else table.take(rows)
+        if set(elsewhere) - set(config.columns.all_names()):
+            t_ns, table, without = _rows_with_readings(config, t_ns, table)
+            found = found + without
         t_ns, later = continued_times(t_ns, int(parts[-1][0][-1]) if parts else None, config, str(path))
         values = np.column_stack([table.column_or_nan(name) for name in config.value_columns])
         sigma = [table.column_or_nan(name) for name in config.sigma_columns]
@@ -81,6 +87,23 @@ def read_sensor(config: Sensor, week: int, sensors: Sequence[Sensor] = ()) -> tu
         readings = _speeds_of_counts(readings)
     _require_readings(config, readings)
     return readings, events + reordered
+
+
+def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[Int64, CsvTable, list[Event]]:
+    """Return the rows in which a value of the sensor is written, and an event where others are left out."""
+    names = [name for name in config.value_columns if name in table.columns]
+    written = np.zeros(table.n, np.bool_)
+    for name in names:
+        written |= ~np.isnan(table.columns[name])
+        written[table.bad_cells.get(name, [])] = True
+    if written.all() or not written.any():
+        return t_ns, table, []
+    kept = np.flatnonzero(written)
+    detail = (
+        f"{table.path}: {table.n - len(kept)} of {table.n} rows hold no {config.kind} reading, only those of other"
+        " logs of the file"
+    )
+    return t_ns[kept], table.take(kept), [Event(None, "sensor_rows_without_reading", detail)]
 
 
 def _in_time_order(
