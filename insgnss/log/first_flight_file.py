@@ -11,7 +11,7 @@ import numpy as np
 from insgnss.config.flight import ReferenceColumns
 from insgnss.constants import NS_PER_WEEK
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.further_samples import BAROMETER, FurtherSamples
+from insgnss.log.further_samples import BAROMETER, HEADING, FurtherSamples
 from insgnss.log.own_solution import OWN_SOLUTION
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.satellites import channel_of_name
@@ -153,10 +153,15 @@ def _navigation_line(names: Sequence[str], log: ReceiverLog) -> str:
 
 
 def _sensor_lines(samples: FurtherSamples, log: ReceiverLog) -> list[str]:
-    """Return the entry of a further sensor as comments: whether the vehicle disturbs it, its user knows."""
+    """Return the entry of a further sensor as comments: what disturbs it or how it is mounted, its user knows."""
     lines = ["[[sensor]]", f'kind = "{samples.kind}"', f'files = ["{samples.file}"]']
     if samples.kind == BAROMETER:
         why = "Remove the marks below unless the cabin is pressurised."
+    elif samples.kind == HEADING:
+        why = "Remove the marks below and declare how its antennas lie in the vehicle."
+        lines.append("offset_deg = 0.0  # DECLARE: is added: the vehicle's heading minus that of the log")
+        if not samples.has_sigmas:
+            lines.append("sigma_deg = 1.0  # DECLARE: the log states none")
     else:
         why = "Remove the marks below and declare the field, unless steel or motors are near."
         axes = ", ".join(f'"{axis}"' for axis in log.imu_axes)

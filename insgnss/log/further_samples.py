@@ -1,4 +1,4 @@
-"""Samples of further sensors in the log of a phone, an autopilot or a robot: its barometer and its magnetometer."""
+"""Samples of further sensors in a log: a phone's barometer and magnetometer, the heading of a receiver's antennas."""
 
 from __future__ import annotations
 
@@ -8,26 +8,33 @@ from typing import Final, Literal
 
 import numpy as np
 
-from insgnss.config.sensors import BarometerColumns, MagnetometerColumns
+from insgnss.config.sensors import BarometerColumns, HeadingColumns, MagnetometerColumns
 from insgnss.tables import Bool, Event, Float64, Int64
 
 BAROMETER: Final = "barometer"
 MAGNETOMETER: Final = "magnetometer"
-FurtherKind = Literal["barometer", "magnetometer"]
+HEADING: Final = "heading"
+FurtherKind = Literal["barometer", "magnetometer", "heading"]
 _COLUMNS: Final[dict[FurtherKind, tuple[str, ...]]] = {
     BAROMETER: (BarometerColumns().value,),
     MAGNETOMETER: MagnetometerColumns().field,
+    HEADING: (HeadingColumns().heading, HeadingColumns().sigma),
 }
+_MEASURED: Final[dict[FurtherKind, int]] = {
+    BAROMETER: 1,
+    MAGNETOMETER: 3,
+    HEADING: 1,
+}  # the others are sigmas
 
 
 @dataclass(frozen=True)
 class FurtherSamples:
-    """The samples of one further sensor, strictly increasing in time, in the axes of the log's inertial sensor."""
+    """The samples of one further sensor, strictly increasing in time; a field is in the inertial sensor's axes."""
 
     kind: FurtherKind
     source: str  # what the log calls them
     t_ns: Int64  # (n,) GPS time
-    values: Float64  # (n, 1) pressure [hPa] or (n, 3) field [uT]
+    values: Float64  # (n, 1) pressure [hPa], (n, 3) field [uT], (n, 2) heading and its sigma or NaN [deg]
 
     @property
     def file(self) -> str:
@@ -39,6 +46,11 @@ class FurtherSamples:
         """The names of the values' columns, as a flight file expects them."""
         return _COLUMNS[self.kind]
 
+    @property
+    def has_sigmas(self) -> bool:
+        """Whether any sample states its sigma."""
+        return bool(np.isfinite(self.values[:, _MEASURED[self.kind] :]).any())
+
 
 def further_samples(
     kind: FurtherKind, source: str, t_ns: Int64, values: Float64, dated: Bool | None = None
@@ -48,14 +60,14 @@ def further_samples(
     Parameters
     ----------
     t_ns : (n,) GPS time
-    values : (n, 1) or (n, 3), in the unit of the kind
+    values : (n, 1), (n, 2) or (n, 3), as in ``FurtherSamples``; a sigma may be NaN
     dated : (n,) which times are known; all when left out
 
     Returns
     -------
     A list of one table, or none where no sample is left.
     """
-    usable = np.isfinite(values).all(axis=1)
+    usable = np.isfinite(values[:, : _MEASURED[kind]]).all(axis=1)
     if dated is not None:
         usable &= dated
     rows = np.flatnonzero(usable)

@@ -10,6 +10,7 @@ from typing import Final
 from insgnss.errors import InputError, TimeError
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.detect import NAMES, Format
+from insgnss.log.further_samples import HEADING, FurtherSamples
 from insgnss.log.own_solution import has_attitude
 from insgnss.log.receiver import ReceiverLog
 from insgnss.tables import Event
@@ -48,7 +49,8 @@ def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
 
     Without measurements the fixes of the one format that has them take their place. Broadcast messages come from the
     log of the measurements, else from another. Further samples are in the axes of the inertial ones and come from the
-    same log. The solution is one with attitude if there is one; an event names others.
+    same log; a heading, which has no axes, may come from another. The solution is one with attitude if there is one; an
+    event names others.
 
     Raises
     ------
@@ -76,18 +78,21 @@ def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
     for one in logs:
         if navigation is None or not navigation.has_messages:
             navigation = one.log.navigation or navigation
+    headings = [s for one in (inertial, first, *logs) for s in one.log.further if s.kind == HEADING][:1]
+    further = (*(s for s in inertial.log.further if s.kind != HEADING), *headings)
     return replace(
         first.log,
         navigation=navigation,
         imu=inertial.log.imu,
         imu_axes=inertial.log.imu_axes,
         imu_is_mean=inertial.log.imu_is_mean,
-        further=inertial.log.further,
+        further=further,
         solution=solution.log.solution,
         solution_point=solution.log.solution_point,
         solution_from=solution.log.solution_from,
         fixes=first.log.fixes if solution is first else first.log.satellite_fixes(),
-        events=[event for one in logs for event in one.log.events] + _not_used(logs, inertial, solution),
+        events=[event for one in logs for event in one.log.events]
+        + _not_used(logs, inertial, solution, further),
     )
 
 
@@ -132,15 +137,18 @@ def _span(one: FormatLog) -> str:
     return f"{one.names()} from {first} to {last} GPS time"
 
 
-def _not_used(logs: Sequence[FormatLog], inertial: FormatLog, solution: FormatLog) -> list[Event]:
+def _not_used(
+    logs: Sequence[FormatLog], inertial: FormatLog, solution: FormatLog, further: Sequence[FurtherSamples]
+) -> list[Event]:
     """Return the events of solutions and further samples that are in the logs but not in the joined one."""
     events = []
     for one in logs:
         if one.log.solution is not None and one is not solution:
             detail = f"{one.names()}: its own solution is not used, that of {solution.names()} is"
             events.append(Event(None, "reference_not_used", detail))
-        if one.log.further and one is not inertial:
-            kinds = " and ".join(samples.kind for samples in one.log.further)
+        lost = [samples.kind for samples in one.log.further if all(samples is not kept for kept in further)]
+        if lost:
+            kinds = " and ".join(lost)
             detail = f"{one.names()}: {kinds} not used: {inertial.names()} is read for inertial and further samples"
             events.append(Event(None, "sensor_samples_not_used", detail))
     return events

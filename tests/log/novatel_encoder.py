@@ -166,6 +166,12 @@ def bestpos(tow_s: float, status: int = 0, kind: int = 16) -> bytes:
     return message(42, body + b"AAAA" + struct.pack("<ff8B", 0, 0, *[9] * 8), tow_s)
 
 
+def heading2(tow_s: float, heading_deg: float, status: int = 0, kind: int = 50) -> bytes:
+    """Return HEADING2 of a baseline of 1.25 m, pitch 1.5 deg, sigmas 0.25 and 0.5 deg."""
+    body = struct.pack("<II6f", status, kind, 1.25, heading_deg, 1.5, 0.0, 0.25, 0.5)
+    return message(1335, body + b"ROVRBASE" + bytes([20, 18, 18, 9, 1, 0, 3, 51]), tow_s)
+
+
 def bestvel(tow_s: float, speed: float, track_deg: float, up: float) -> bytes:
     return message(99, struct.pack("<IIffdddf", 0, 8, 0.15, 0, speed, track_deg, up, 0), tow_s)
 

@@ -131,6 +131,17 @@ def covariances(number: int, tow_s: float, variances: tuple[float, float, float]
     return block(number, time(tow_s) + struct.pack("<BB10f", 4, error, *variances, *others), revision=0)
 
 
+def attitude(tow_s: float, heading_deg: float, mode: int = 2, error: int = 0) -> bytes:
+    """AttEuler of two antennas; pitch 1.5 deg, no roll."""
+    body = struct.pack("<BBHBB6f", 20, error, mode, 0, 0, heading_deg, 1.5, -2e10, 0.0, -2e10, 0.0)
+    return block(5938, time(tow_s) + body)
+
+
+def attitude_covariance(tow_s: float, heading_deg2: float) -> bytes:
+    """AttCovEuler of two antennas."""
+    return block(5939, time(tow_s) + struct.pack("<BB6f", 0, 0, heading_deg2, 0.09, *[-2e10] * 4))
+
+
 def ins_solution(tow_s: float, error: int = 0, parts: int = 0b11111, week: int = WEEK) -> bytes:
     """INSNavGeod: every number a known function of the time; ``parts`` names the sub-blocks that follow."""
     head = struct.pack("<BBHHdddf", 4, error, 0, 0, 0.5, -1.5, 100.0 + tow_s % 100, -27.0)

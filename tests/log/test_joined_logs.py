@@ -156,6 +156,20 @@ def test_solutions_and_further_samples_that_are_not_taken_are_named() -> None:
     assert join_logs([replace(phone, log=ReceiverLog(gnss)), bare]).further == field
 
 
+def test_heading_of_the_receiver_joins_the_further_samples_of_the_inertial_log() -> None:
+    t_ns = np.array([10**18, 10**18 + 10**9])
+    gnss = replace(no_measurements(), t_ns=t_ns)
+    imu = ImuTable(t_ns, np.zeros((2, 3)), np.zeros((2, 3)))
+    pressure = (FurtherSamples("barometer", "Baro", t_ns, np.full((2, 1), 1000.0)),)
+    heading = (FurtherSamples("heading", "AttEuler", t_ns, np.full((2, 2), 1.0)),)
+    receiver = FormatLog("sbf", (Path("receiver.sbf"),), ReceiverLog(gnss, further=heading))
+    autopilot = ReceiverLog(no_measurements(), imu=imu, further=pressure)
+
+    log = join_logs([receiver, FormatLog("ulog", (Path("log.ulg"),), autopilot)])
+
+    assert log.further == (*pressure, *heading) and log.events == []
+
+
 def test_navigation_files_alone_are_refused(tmp_path: Path) -> None:
     (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message())
     with pytest.raises(InputError, match="navigation files alone"):

@@ -59,10 +59,10 @@ def test_fixes_have_place_velocity_and_the_sigmas_of_their_covariances(tmp_path:
 
 
 def test_blocks_that_are_not_read_are_told_with_their_numbers(tmp_path: Path) -> None:
-    attitude, ends = block(5938, bytes(34)), block(5921, bytes(6))
-    log = read(tmp_path, fix(340_000.0), attitude, ends, fix(340_000.5), attitude)
+    base, ends = block(4028, bytes(34)), block(5921, bytes(6))
+    log = read(tmp_path, fix(340_000.0), base, ends, fix(340_000.5), base)
     told = {event.kind: event.detail for event in log.events}["sbf_not_used"]
-    assert told.endswith("blocks not read, by number: 2 of 5938 (AttEuler), 1 of 5921")
+    assert told.endswith("blocks not read, by number: 2 of 4028 (BaseVectorGeod), 1 of 5921")
 
 
 def test_fields_are_those_of_another_parser() -> None:

@@ -56,10 +56,11 @@ def write_imu_csv(path: Path, imu: ImuTable, week: int) -> None:
 
 
 def write_samples_csv(path: Path, samples: FurtherSamples, week: int) -> None:
-    """Write one row for each sample of a further sensor."""
+    """Write one row for each sample of a further sensor; columns without a number are left out."""
     columns = {"time_s": pa.array(ns_to_week_seconds(samples.t_ns, week))}
     for name, values in zip(samples.columns, samples.values.T, strict=True):
-        columns[name] = pa.array(np.ascontiguousarray(values))
+        if np.isfinite(values).any():
+            columns[name] = _nullable(values)
     _write(path, columns)
 
 

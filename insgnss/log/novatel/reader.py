@@ -1,8 +1,9 @@
 """NovAtel receivers' logs (OEM4 to OEM7, SPAN): raw measurements, ephemerides, inertial samples, solution.
 
 Read are RANGE, RANGECMP, RANGECMP2; RAWEPHEM and the decoded ephemerides; RAWIMU, RAWIMUS, RAWIMUX, RAWIMUSX; INSPVAX,
-INSPVA, BESTPOS with BESTVEL; with NovAtel's own library RANGECMP3 to RANGECMP5, and all of them in ASCII. All other
-messages are counted by their numbers.
+INSPVA, BESTPOS with BESTVEL; HEADING2 or HEADING, whose heading (no pitch) becomes a further sensor's samples;
+with NovAtel's own library RANGECMP3 to RANGECMP5, and all of them in ASCII. All other messages are counted by their
+numbers.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.novatel.frames import frames_in
+from insgnss.log.novatel.heading import HEADING2, HEADING_OF_OLD, headings
 from insgnss.log.novatel.imu import EXTENDED, INSCONFIG, PLAIN, imu_table
 from insgnss.log.novatel.navigation import DECODED, IONUTC, RAW, broadcast
 from insgnss.log.novatel.ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2, measurements
@@ -29,7 +31,7 @@ KNOWN: Final = frozenset(
         *(RANGE, RANGECMP, RANGECMP2, *COMPRESSED_FURTHER),
         *(*RAW, *DECODED, IONUTC),
         *(*PLAIN, *EXTENDED, INSCONFIG),
-        *(INSPVAX, *INSPVA, BESTPOS, BESTVEL),
+        *(INSPVAX, *INSPVA, BESTPOS, BESTVEL, HEADING2, HEADING_OF_OLD),
     )
 )
 
@@ -65,7 +67,9 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         imu, more_events = imu_table(files, imu_scales)
         own, is_inertial, left_out = solution(files)
         found = broadcast(files)
-    events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *more_events, *left_out]
+        further, no_heading = headings(files)
+    events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *more_events]
+    events += [*left_out, *no_heading]
     events += [event for _, more_events in turned for event in more_events]
     events += [
         Event(None, "navigation_damaged", f"{paths[0]}: {count} x {reason}")
@@ -87,4 +91,5 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         imu_is_mean=True,
         solution_point="imu" if is_inertial else "antenna",
         solution_from="filter" if is_inertial else "satellites",
+        further=tuple(further),
     )

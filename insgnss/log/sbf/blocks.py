@@ -56,11 +56,12 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
 # Of the blocks that are not read those whose name says what is missed
 _NOT_READ: Final = {
     **{4109: "Meas3Ranges", 4110: "Meas3CN0HiRes", 4111: "Meas3Doppler", 4112: "Meas3PP", 4113: "Meas3MP"},
-    **{5938: "AttEuler", 5939: "AttCovEuler", 4028: "BaseVectorGeod", 4043: "BaseVectorCart"},
+    **{4028: "BaseVectorGeod", 4043: "BaseVectorCart"},
 }
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
 INS_NAV: Final = 4226
+ATTITUDE, ATTITUDE_COV = 5938, 5939
 PVT_ECEF, PVT = 4006, 4007
 POS_COV_ECEF, POS_COV, VEL_COV_ECEF, VEL_COV = 5905, 5906, 5907, 5908
 GPS_NAV, GPS_ION, GPS_UTC = 5891, 5893, 5894
@@ -81,6 +82,11 @@ LAYOUTS: Final = {
         *(("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8"), ("undulation_m", "<f4")),
         *(("accuracy_cm", "<u2"), ("latency", "<u2"), ("datum", "u1"), ("", "u1"), ("parts", "<u2")),
     ),
+    ATTITUDE: _layout(
+        *(*_TIME, ("n_sv", "u1"), ("error", "u1"), ("mode", "<u2"), ("", "<u2"), ("heading_deg", "<f4")),
+        *(("pitch_deg", "<f4"), ("roll_deg", "<f4")),
+    ),
+    ATTITUDE_COV: _layout(*_TIME, ("", "u1"), ("error", "u1"), ("variance", "<f4", (3,))),
     # to the last field that every revision has and that is read
     PVT: _layout(
         *(*_TIME, ("mode", "u1"), ("error", "u1"), ("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8")),

@@ -32,6 +32,7 @@ from insgnss.log.sbf.blocks import (
     time_known,
 )
 from insgnss.log.sbf.fixes import fixes, name_of_fixes
+from insgnss.log.sbf.heading import headings
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
@@ -46,7 +47,8 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
     reported. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
     Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
-    (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the table of measurements is empty then.
+    (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the table of measurements is empty then. The
+    heading of several antennas (AttEuler) becomes a further sensor's samples; pitch and roll are not taken.
 
     Raises
     ------
@@ -62,7 +64,8 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     imu, more_events = _inertial(data, blocks)
     own, without = solution(data, blocks)
     fixed, told_of_fixes = fixes(data, blocks)
-    events += told_of_fixes
+    samples, told_of_headings = headings(data, blocks)
+    events += told_of_fixes + told_of_headings
     if not len(gnss.t_ns) and imu is None and own is None and fixed is None:
         raise InputError(
             "the SBF file holds no measurement, no inertial sample and no solution",
@@ -84,8 +87,10 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     navigation = found.navigation()
     if own is None and fixed is not None:
         named.append(not_independent(f"{name_of_fixes(blocks)}, the receiver's fixes"))
-        return ReceiverLog(gnss, navigation, imu, named, fixed)
-    return ReceiverLog(gnss, navigation, imu, named, own, solution_from="filter", fixes=fixed)
+        return ReceiverLog(gnss, navigation, imu, named, fixed, further=tuple(samples))
+    return ReceiverLog(
+        gnss, navigation, imu, named, own, solution_from="filter", fixes=fixed, further=tuple(samples)
+    )
 
 
 def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]]:
