@@ -63,7 +63,7 @@ from tests.log import (
     test_ulog,
 )
 from tests.log.test_rinex_navigation import message
-from tests.log.writing import WEEK, gnss_config, imu_config
+from tests.log.writing import WEEK, gnss_config, imu_config, tabbed
 from tests.small_run import small_run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -216,6 +216,7 @@ def targets(folder: Path) -> list[Target]:
         test_fuzz.NAV_TEXT.encode(),
         b"\n".join((ROOT / "data/sample_flight/nav.rnx").read_bytes().splitlines()[:60]),
     ]
+    nav += [tabbed(test_fuzz.NAV_TEXT).encode()]
     nav += [precise_sample.NAVIGATION.encode(), (test_fuzz.NAV_HEADER + message("R07")).encode()]
     obs = [text.encode() for text in test_fuzz_receivers.TEXTS.values()]
     reference = b"\n".join((ROOT / "data/sample_flight/reference.csv").read_bytes().splitlines()[:25])

@@ -24,7 +24,18 @@ from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER
 from tests.log.android_generator import epoch as android_epoch
 from tests.log.android_generator import sensor as android_sensor
-from tests.log.sbf_encoder import Channel, block, covariances, epoch, fix, satellite, sensor, time
+from tests.log.sbf_encoder import (
+    Channel,
+    attitude,
+    attitude_covariance,
+    block,
+    covariances,
+    epoch,
+    fix,
+    satellite,
+    sensor,
+    time,
+)
 from tests.log.test_android import SKY, T
 from tests.log.test_fuzz import DAMAGES, damaged
 from tests.log.test_rinex_observations import HEADER as OBS_HEADER
@@ -59,6 +70,7 @@ SBF_BLOCKS = [
     *(gps_nav(), bds_nav(), gal_nav(2, 1)),
     *(fix(float(k), accuracies_cm=(100, 150)) for k in range(2)),
     *(covariances(number, 0.0, (0.5, 0.25, 1.0)) for number in (5906, 5908)),
+    *(attitude(float(k), 359.5) + attitude_covariance(float(k), 0.0625) for k in range(2)),
 ]
 # A place as a share of the file, and what is put over the byte there
 FLIPS = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), max_size=8)
@@ -180,7 +192,7 @@ def test_sbf_log_cut_with_bytes_changed(path: Path, flips: list[tuple[float, int
 @given(
     flips=FLIPS,
     number=st.sampled_from(
-        [4027, 4050, 5891, 4095, 4002, 4004, 4081, 5893, 4120, 4030, 5894, 4007, 5906, 5908]
+        [4027, 4050, 5891, 4095, 4002, 4004, 4081, 5893, 4120, 4030, 5894, 4007, 5906, 5908, 5938, 5939]
     ),
     size=st.integers(0, 200),
     fill=st.integers(0, 255),

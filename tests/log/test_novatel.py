@@ -26,6 +26,7 @@ from tests.log.novatel_encoder import (
     bestpos,
     bestvel,
     gloephemeris,
+    heading2,
     inav,
     inspvas,
     inspvax,
@@ -340,5 +341,6 @@ FUZZED = b"".join(
         *(gloephemeris(3, -4, 512_100.0), inav(11, 512_400), rawephem(7, subframes(), 410_400)),
         *(inspvax(TOW_S + k) for k in range(3)),
         *(bestpos(TOW_S) + bestvel(TOW_S, 1.0, 2.0, 3.0), short(508, bytes(88))),
+        *(heading2(TOW_S + k, 45.0) for k in range(2)),
     ]
 )
