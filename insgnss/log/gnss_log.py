@@ -138,9 +138,21 @@ def read_base(config: Base, week: int) -> ReceiverLog:
     return read_receiver(Gnss(**written), week)
 
 
+def _with_samples_told(log: ReceiverLog, path: Path) -> ReceiverLog:
+    """Return the log with an event for each further sensor in it, whose samples a flight file takes from a CSV file."""
+    told = [
+        f"{path}: {len(one.t_ns)} {one.kind} samples ({one.source}) not used: 'insgnss convert' writes them to"
+        f" {one.file} for a [[sensor]]"
+        for one in log.further
+    ]
+    return replace(
+        log, events=[*log.events, *(Event(None, "sensor_samples_not_used", text) for text in told)]
+    )
+
+
 def _whole(paths: Sequence[Path], read: Callable[[Path], ReceiverLog]) -> ReceiverLog:
     """Return the logs of all files as one."""
-    logs = [read(path) for path in paths]
+    logs = [_with_samples_told(read(path), path) for path in paths]
     if len(logs) == 1:
         return logs[0]
     gnss, reordered = in_time_order(joined([log.gnss for log in logs]), str(paths[0]))

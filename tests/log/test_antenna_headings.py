@@ -11,14 +11,16 @@ import pytest
 from pydantic import TypeAdapter
 from pysbf2 import SBFReader
 
+from insgnss.config.flight import Gnss
 from insgnss.config.sensors import HeadingSensor
 from insgnss.log.convert import convert
+from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.sbf.reader import read_sbf
 from insgnss.tables import SensorTable
 from tests.log.novatel_encoder import TOW_S, bestpos, heading2
-from tests.log.sbf_encoder import attitude, attitude_covariance, fix
+from tests.log.sbf_encoder import Channel, attitude, attitude_covariance, epoch, fix, satellite
 from tests.log.test_novatel_rewritten import as_ascii
 
 T0 = 340_000.0
@@ -98,3 +100,10 @@ def test_heading_without_sigmas_asks_for_one(tmp_path: Path) -> None:
     convert([written(tmp_path, data)], tmp_path / "out")
     table, entry = declared(tmp_path / "out")
     assert "sigma_deg = 1.0  # DECLARE" in entry and np.isnan(table.sigma).all()
+
+
+def test_heading_in_a_file_that_a_flight_reads_itself_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path, epoch(T0, [satellite(5, [Channel(0, 1575.42e6, 2.2e7, 0.0, None, 45.0)])]) + SBF)
+    log = read_receiver(Gnss(files=(path,), format="sbf"), 0)
+    told = {event.kind: event.detail for event in log.events}["sensor_samples_not_used"]
+    assert "2 heading samples (AttEuler)" in told and "heading.csv for a [[sensor]]" in told

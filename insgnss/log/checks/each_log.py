@@ -53,6 +53,7 @@ NOTICES: Final = frozenset(
         "rinex_event",
         "satellite_states_beside",
         "sbf_not_used",
+        "sensor_samples_not_used",
         "signal_assumed",
         "time_mark",
         "ubx_foreign_bytes",
