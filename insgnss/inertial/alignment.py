@@ -23,6 +23,8 @@ class AlignmentWindow:
 
     length_s: float
     f_b: Float64  # (3,) mean specific force, in the body axes at the window's end [m/s^2]
+    still_f_b: Float64  # (3,) the same of a body that has not turned, whatever its gyros read
+    tilting_b: Float64  # (3,) rate at which the body has turned against the specific force, by that [rad/s]
     w_ib_b: Float64  # (3,) mean rate [rad/s]
     spread_f: float  # root mean square about the mean, largest axis [m/s^2]
     spread_w: float  # [rad/s]
@@ -40,6 +42,19 @@ def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
         # C takes the axes before the sample to the last ones: exp(-[phi x]) to second order, enough to level coarsely
         C = C @ (np.eye(3) - phi + 0.5 * phi @ phi)
     return np.asarray(total / step_s.sum())
+
+
+def _tilting(f: Float64, length_s: float) -> Float64:
+    """Return the rate (3,) of a turn that explains how the direction of f (k, 3) changes, none about f [rad/s].
+
+    Equation: w = -u x u' / (T / 2), u and u' the directions of the means over both halves of the time T
+    """
+    half = len(f) // 2
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        first, second = (
+            mean / np.linalg.norm(mean) for mean in (f[:half].mean(axis=0), f[-half:].mean(axis=0))
+        )
+        return np.asarray(-np.cross(first, second) / (0.5 * length_s))
 
 
 def inertial_window(
@@ -60,9 +75,12 @@ def inertial_window(
         mean_f = _mean_in_last_axes(np.diff(t_ns[first - 1 : last]) * 1e-9, w, f)
     if not np.isfinite(mean_f).all():
         return None
+    length_s = (int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9
     return AlignmentWindow(
-        length_s=(int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9,
+        length_s=length_s,
         f_b=mean_f,
+        still_f_b=f.mean(axis=0),
+        tilting_b=_tilting(f, length_s),
         w_ib_b=w.mean(axis=0),
         spread_f=float(f.std(axis=0).max()),
         spread_w=float(w.std(axis=0).max()),

@@ -171,7 +171,8 @@ def _judge_rest_by_speed(
         return
     t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
     order = np.argsort(t_ns, kind="stable")
-    speed = GroundSpeed(t_ns[order], np.linalg.norm(track.v_e, axis=1)[order], track.sd_v_mps[order])
+    v_e = track.v_e[order]
+    speed = GroundSpeed(t_ns[order], np.linalg.norm(v_e, axis=1), track.sd_v_mps[order], v_e)
     accel_unit = inertial(flight.config).accel_unit
     before = imu_findings(imu, week, accel_unit=accel_unit)
     at = min(findings.index(finding) for finding in before)

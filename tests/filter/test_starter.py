@@ -19,7 +19,8 @@ from tests.filter.scene import TACTICAL, TCXO
 NOWHERE = np.zeros(0, np.int64)
 UNUSED = np.zeros((2, 0), np.bool_)
 CONFIG = filter_config("tight17")
-STILL = AlignmentWindow(1.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.02, 1e-4)
+DOWN_F = np.array([0.0, 0.0, -9.8])
+STILL = AlignmentWindow(1.0, DOWN_F, DOWN_F, np.zeros(3), np.zeros(3), 0.02, 1e-4)
 PLACE_E = np.array([6_378_137.0, 0.0, 0.0])  # at longitude 0 on the equator north is z, east is y
 
 

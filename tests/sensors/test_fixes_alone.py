@@ -130,6 +130,25 @@ def test_gyro_that_warms_up_at_rest_does_not_lead_any_heading_away(seed: int) ->
     assert "sensor_refused" not in kinds(run)
 
 
+@pytest.mark.parametrize("raw", [True, False])
+def test_start_at_rest_learns_the_biases_of_an_uncalibrated_phone(raw: bool) -> None:
+    """Up to fifty biases of the grade: gravity shows that the vehicle does not tilt; about gravity it might turn."""
+    base, gyro_b = city_car(90.0), np.radians([-0.6, -2.1, 3.8])
+    made = flown(base, 71) if raw else fixes_alone(base, 71)
+    imu = made.logs.imu
+    run = insgnss.replay(replace(made, logs=replace(made.logs, imu=replace(imu, w_ib_b=imu.w_ib_b + gyro_b))))
+
+    assert run.errors is not None
+    assert "at rest" in run.events.loc[run.events["kind"] == "start", "detail"].iloc[0]
+    begin = run.nav.iloc[0]
+    assert begin["gyro_bias_y_radps"] == pytest.approx(gyro_b[1], abs=5.0 * begin["sd_gyro_bias_y_radps"])
+    assert begin["sd_gyro_bias_y_radps"] < 0.2 * abs(gyro_b[1])
+    assert abs(begin["gyro_bias_z_radps"] - gyro_b[2]) < 2.0 * begin["sd_gyro_bias_z_radps"]
+    assert (run.errors["d_yaw_deg"] / run.errors["sd_yaw_deg"]).abs().max() < 5.0
+    assert run.errors[["d_roll_deg", "d_pitch_deg"]].abs().to_numpy().max() < 6.0  # 2.1 deg/s are more in 3 s
+    assert np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).max() < 10.0
+
+
 def test_one_fix_far_off_is_refused_and_costs_little() -> None:
     made = fixes_alone(turns(90.0), 2, fixes=CLOSE_FIXES)
     position = next(table for table in made.logs.sensors if table.name == "position")

@@ -15,6 +15,7 @@ from insgnss.tables import Float64
 
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS: Final = 0.5
+_LARGEST_BIAS_RADPS: Final = math.radians(10.0)  # of a phone's gyro without its calibration
 
 
 class MeasuredVelocity(NamedTuple):
@@ -39,11 +40,28 @@ def velocities_show_rest(
 
 
 def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
-    """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be."""
+    """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be.
+
+    They may read more than the grade says: gravity shows whether the vehicle tilts as they read.
+    """
     start = config.start
-    steady = window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
-    most = start.rest_rate_degps + 3.0 * grade.gyro_bias_deg_per_h / 3600.0
-    return bool(steady and np.degrees(np.abs(window.w_ib_b)).max() <= most)
+    limit = math.radians(start.rest_rate_degps)
+    steady = window.spread_w < limit and window.spread_f < start.rest_accel_mps2
+    turns = np.abs(window.w_ib_b).max() > _largest_usual(config, grade)
+    stands = np.linalg.norm(window.tilting_b) < limit and np.abs(window.w_ib_b).max() < _LARGEST_BIAS_RADPS
+    return bool(steady and (stands or not turns))
+
+
+def rate_in_doubt(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> Float64:
+    """Return (3,) the rate about gravity that may be a bias or a turn [rad/s], zero if the grade has such biases."""
+    up = -window.still_f_b / np.linalg.norm(window.still_f_b)
+    about = float(window.w_ib_b @ up)
+    return about * up if abs(about) > _largest_usual(config, grade) else np.zeros(3)
+
+
+def _largest_usual(config: FilterConfig, grade: ImuGrade) -> float:
+    """Return what a gyro of the grade may read at rest [rad/s]."""
+    return math.radians(config.start.rest_rate_degps + 3.0 * grade.gyro_bias_deg_per_h / 3600.0)
 
 
 def slight_acceleration(now: MeasuredVelocity, earlier: MeasuredVelocity) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.clock_offsets import place_clocks, tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
+from insgnss.filter.start.rest import rate_in_doubt
 from insgnss.filter.state import BA, BG, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_rows
@@ -61,6 +62,8 @@ class StartAttitude:
     sd_b_g: float | None  # of the gyros' whole error (``sensor_errors``); None: as it is of such sensors
     level_from_bias: bool  # the tilt error is the accelerometer bias' doing ...
     sd_motion: float = 0.0  # ... but for so much that a motion at the start may have to do with it [rad]
+    # (3,) half of a rate at rest that is a bias or a turn: so far may the bias be from ``b_g`` [rad/s]
+    b_in_doubt: Float64 = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -128,13 +131,17 @@ def attitudes_at_start(
     sd_motion = sd_a / STANDARD_GRAVITY_MPS2
     if a_e is not None:
         sd_motion = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_motion)
+    in_doubt = 0.5 * rate_in_doubt(window, config, grade) if a_e is None else np.zeros(3)
     sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD, sd_motion)
     found = []
     for yaw, sd_yaw, weight in headings:
-        roll, pitch = level(window.f_b, f_n, yaw)
+        roll, pitch = level(window.still_f_b if a_e is None else window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
         found.append(
-            StartAttitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None, sd_motion)
+            StartAttitude(
+                *(roll, pitch, yaw, sd_level, sd_yaw, weight),
+                *(b_g - in_doubt, sd_b_g, a_e is None, sd_motion, in_doubt),
+            )
         )
     return found
 
@@ -278,6 +285,7 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, 
     for at in layout.sensor_states:
         m.optional[at - OFFSETS] = shares[at]
     P -= gain @ (A - attitude.sd_b_g**2 * np.eye(3)) @ gain.T
+    P[BG : BG + 3, BG : BG + 3] += np.outer(attitude.b_in_doubt, attitude.b_in_doubt)
 
 
 def _place_attitude_covariance(

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.config.imu import ImuGrade
-from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2
+from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import IMU_GAP_STEPS
@@ -27,6 +27,12 @@ SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
 # Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
 GRAVITY_TOLERANCE: Final = 0.01
 NOISY: Final = 3.0  # noise over that of the grade
+BIASED: Final = 5.0  # rate at rest over the bias of the grade
+EARTH_RATE_DEGPS: Final = np.rad2deg(WGS84_OMEGA_RADPS)
+STRAIGHT_DEGPS: Final = 0.5  # a course that turns more slowly is straight ...
+STRAIGHT_S: Final = 5.0  # ... over such a time ...
+STRAIGHT_MPS: Final = 5.0  # ... and at such a speed
+MIN_STRAIGHT_WINDOWS: Final = 10
 SETTLED: Final = 3.0  # biases of the grade by which a gyro's bias may still change
 SETTLED_SIGMAS: Final = 6.0
 MIN_SETTLING_WINDOWS: Final = 20
@@ -41,6 +47,7 @@ class GroundSpeed(NamedTuple):
     t_ns: Int64  # (m,) GPS time, rising
     speed_mps: Float64  # (m,)
     sd_mps: Float64  # (m,)
+    v_e: Float64 | None = None  # (m, 3) the velocity itself, if its direction is known
 
 
 def imu_findings(
@@ -88,7 +95,11 @@ def imu_findings(
     moving = steady & known
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
-        return findings + _rest_findings(windows, moving, where, accel_unit)
+        findings += _rest_findings(windows, moving, where, accel_unit)
+        straight = moving & _straight(windows, speed)
+        if grade is None or straight.sum() < MIN_STRAIGHT_WINDOWS:
+            return findings
+        return findings + _bias_findings(windows, straight, "on a straight", grade, STRAIGHT_DEGPS)
     text = "never at rest: units, axes and tilt cannot be judged by gravity"
     return [*findings, Finding("ok", "imu", text)]
 
@@ -141,7 +152,48 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str, accel_unit: s
 
 
 def _at_rest_by_grade(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
-    return _noise_findings(windows, resting, grade) + _settling_findings(windows, resting, grade)
+    return [
+        *_noise_findings(windows, resting, grade),
+        *_settling_findings(windows, resting, grade),
+        *_bias_findings(windows, resting, "at rest", grade, EARTH_RATE_DEGPS),
+    ]
+
+
+def _straight(windows: ImuWindows, speed: GroundSpeed | None) -> Bool:
+    """Return (m,) in which windows the course stays as it is until some seconds later."""
+    if speed is None or speed.v_e is None:
+        return np.zeros(len(windows.t_ns), np.bool_)
+    t_s = (windows.t_ns - speed.t_ns[0]) / NS_PER_S
+    epoch_s = (speed.t_ns - speed.t_ns[0]) / NS_PER_S
+    now, later = (
+        np.column_stack([np.interp(t_s + after_s, epoch_s, v) for v in speed.v_e.T])
+        for after_s in (0.0, STRAIGHT_S)
+    )
+    turned = np.linalg.norm(np.cross(now, later), axis=1)
+    sizes = np.linalg.norm(now, axis=1), np.linalg.norm(later, axis=1)
+    turns_by = np.deg2rad(STRAIGHT_DEGPS) * STRAIGHT_S * sizes[0] * sizes[1]
+    inside = (t_s >= 0.0) & (t_s + STRAIGHT_S <= epoch_s[-1])
+    return np.asarray(inside & (turned < turns_by) & (np.minimum(*sizes) > STRAIGHT_MPS))
+
+
+def _bias_findings(
+    windows: ImuWindows, still: Bool, where: str, grade: ImuGrade, turning_degps: float
+) -> list[Finding]:
+    """Return a warning if the gyros read far more than their grade's bias where the vehicle does not turn.
+
+    ``turning_degps`` is the rate of a turn that is possible all the same.
+    """
+    rates = np.rad2deg(np.median(windows.w_ib_b[still], axis=0))
+    bias = grade.gyro_bias_deg_per_h / 3600.0
+    axis = int(np.argmax(np.abs(rates)))
+    if abs(rates[axis]) <= BIASED * bias + turning_degps:
+        return []
+    text = f"{where} the {'xyz'[axis]} gyro reads {rates[axis]:+.2g} deg/s; its grade has a bias of {bias:.2g} deg/s"
+    advice = (
+        "a gyro whose calibration is not applied, or another sensor: take its bias off, or give"
+        f" gyro_bias_deg_per_h = {3600.0 * abs(rates[axis]):.2g} in [imu.grade]"
+    )
+    return [Finding("warning", "imu", text, advice)]
 
 
 def _settling_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:

@@ -247,6 +247,32 @@ def test_gyro_that_settles_after_the_start_is_told(
 
 
 @pytest.mark.parametrize(
+    ("mps", "course_degps", "gyro_degps", "told"),
+    [
+        (0.0, 0.0, 3.8, "at rest the z gyro reads +3.8 deg/s"),
+        (0.0, 0.0, 0.3, ""),  # four biases of the grade
+        (18.0, 0.0, 3.8, "on a straight the z gyro reads +3.8 deg/s"),
+        (18.0, 3.8, 3.8, ""),  # the vehicle turns as the gyro says
+    ],
+)
+def test_gyro_that_reads_more_than_its_grade_without_a_turn_is_told(
+    mps: float, course_degps: float, gyro_degps: float, told: str
+) -> None:
+    imu, t_s = steady_imu(60), np.arange(-1.0, 62.0)
+    course = np.radians(course_degps) * t_s
+    v_e = mps * np.column_stack([np.cos(course), np.sin(course), np.zeros(len(t_s))])
+    speed = GroundSpeed((t_s * NS_PER_S).astype(np.int64), np.full(63, mps), np.full(63, 0.1), v_e)
+    turning = replace(imu, w_ib_b=imu.w_ib_b + np.radians([0.0, 0.0, gyro_degps]))
+
+    found = imu_findings(turning, 0, speed, imu_grade("mems_consumer"))
+
+    warnings = [f for f in found if "gyro reads" in f.text]
+    assert [told in f.text and "gyro_bias_deg_per_h = 1.4e+04" in f.advice for f in warnings] == [
+        True
+    ] * bool(told)
+
+
+@pytest.mark.parametrize(
     ("declared", "written", "told"),
     [
         ("mg", "cm/s^2", "(-1.93 % of g), as if the column were in cm/s^2"),
