@@ -16,54 +16,67 @@ from insgnss.studies.receiver.runs import ReceiverRun, Setting
 from insgnss.studies.receiver.scene import scene_of
 from insgnss.studies.receiver.tables import innovation_correlation
 from insgnss.studies.receiver.variants import VARIANTS
-from tests.studies.test_receiver_study import LOW, VELOCITY, flown, motion
+from tests.studies.test_receiver_study import LOW, VELOCITY, flown
 
-LONG_S: Final = 300.0
+RUNS: Final = 4
+T_RECORD_S: Final = 0.1
+EARLY, LATE = (50.0, 150.0), (299.0, 399.0)  # seconds
 
 
 @cache
 def long_setting() -> Setting:
-    """Return the laboratory without phase tracking for five minutes: another place, another seed of the motion."""
-    place = {"lat_deg": 48.0, "lon_deg": 11.0, "h_m": 1.5e4, "heading_deg": 40.0}
-    part = motion().manoeuvre[0].model_copy(update={"duration_s": LONG_S + 2.0, "seed": 77})
+    """Return the laboratory without phase tracking for 400 s."""
     options = ReceiverOptions(
-        duration_s=LONG_S,
+        duration_s=400.0,
         settle_s=50.0,
+        average_s=50.0,
         step_s=10e-3,
         carrier_hz=1.6e9,
         chip_hz=0.511e6,
         orbit_radius_m=GLONASS_RADIUS_M,
     )
-    flight = motion().model_copy(
-        update={"manoeuvre": (part,), "place": motion().place.model_copy(update=place)}
-    )
-    return scene_of(flight, "noncoherent", LOW, {"drift_density": 1.0}, options).setting
+    return scene_of("manoeuvring_5g_long", "noncoherent", LOW, {"drift_density": 1.0}, options).setting
 
 
-# An independent program: 3.95 m/s between 50 and 150 s and all lost before 300 s; with loops for a hundred times the
-# drift density 0.097 and then 0.092 m/s and none lost, with the interval's message 0.084 and 0.087 m/s
+# An independent program, 16 runs: 3.95 m/s between 50 and 150 s and all lost before 300 s
+def test_simplified_second_stage_with_a_good_oscillator_grows_until_all_is_lost() -> None:
+    of, sick = long_setting(), sick_runs()
+    first_s = min(run.lost_s.min() for run in sick)
+    growing = [between(of, sick, begin_s, begin_s + 15.0) for begin_s in (10.0, 35.0, 60.0)]
+    nees_before = [run.nees[round(10.0 / T_RECORD_S) : round(25.0 / T_RECORD_S)].mean() for run in sick]
+
+    assert all(run.lost for run in sick) and first_s > 75.0
+    assert growing[1] > 1.3 * growing[0] and growing[2] > 1.3 * growing[1]  # long before the first loss
+    assert min(nees_before) > 100.0  # and sure of what it does not know
+    early, late = (between(of, sick, *window) for window in (EARLY, LATE))
+    assert early > 3.0 and late > 3.0 * early
+
+
+# The same program: loops for a hundred times the drift density 0.097 and then 0.092 m/s, the interval's message 0.084
+# and 0.087 m/s, an oscillator of 100 rad^2/s^3 without a cure 0.105 and 0.100 m/s, none lost
 @pytest.mark.parametrize(
-    ("name", "changed", "interval", "velocity_mps"),
+    ("name", "changed", "interval", "drift_density", "velocity_mps"),
     [
-        ("two_stage", {"widening": 100.0}, 10, 0.12),
-        ("two_stage", {"inflation": 100.0}, 10, 1.2),
-        ("two_stage", {}, 200, 2.0),
-        ("optimal", {}, 10, 0.1),
+        ("two_stage", {"widening": 100.0}, 10, 1.0, 0.097),
+        ("optimal", {}, 10, 1.0, 0.084),
+        ("two_stage", {}, 10, 100.0, 0.105),
+        ("two_stage", {"inflation": 100.0}, 10, 1.0, None),
+        ("two_stage", {}, 200, 1.0, None),
     ],
 )
-def test_each_cure_holds_lock_where_the_simplified_second_stage_loses_it(
-    name: str, changed: dict[str, float], interval: int, velocity_mps: float
+def test_each_cure_stops_the_growth_that_the_simplified_second_stage_has(
+    name: str, changed: dict[str, float], interval: int, drift_density: float, velocity_mps: float | None
 ) -> None:
-    of = long_setting()
-    sick = sick_runs()
-    cured = flown(replace(of, interval=interval), replace(VARIANTS[name], **changed), 40.0, 6, 71)  # type: ignore[arg-type]
-    early, late = (between(of, sick, begin_s, begin_s + 100.0) for begin_s in (50.0, 200.0))
+    of = replace(long_setting(), interval=interval, drift_density=drift_density)
+    cured = flown(of, replace(VARIANTS[name], **changed), 40.0, RUNS, 71)  # type: ignore[arg-type]
+    early, late = (between(of, cured, *window) for window in (EARLY, LATE))
 
-    assert sum(run.lost for run in sick) >= 5
-    assert early > 1.0 and late > 5.0 * early
     assert not any(run.lost for run in cured)
-    early, late = (between(of, cured, begin_s, begin_s + 100.0) for begin_s in (50.0, 200.0))
-    assert max(early, late) < velocity_mps and late < 1.3 * early
+    assert late < 1.15 * early
+    if velocity_mps is not None:
+        assert early == pytest.approx(velocity_mps, rel=0.15)
+    else:  # larger variances of rows, or rows that are rare, cost what the rows say
+        assert 0.3 < late < early < 2.0
 
 
 @pytest.mark.parametrize("drift_density", [1.0, 100.0])
@@ -75,7 +88,7 @@ def test_innovations_are_white_unless_the_filter_counts_the_same_information_twi
     def correlation(name: str) -> float:
         return innovation_correlation(of, VARIANTS[name], flown(of, VARIANTS[name], 40.0, 2, 72))
 
-    # two runs of eight channels and 2500 updates: one sigma is 0.005
+    # two runs of eight channels and 3500 updates: one sigma is 0.004
     assert abs(correlation("one_stage")) < 0.02 and abs(correlation("optimal")) < 0.02
     assert correlation("two_stage") > 0.9
     assert math.isnan(correlation("scalar"))  # it has no filter
@@ -83,7 +96,7 @@ def test_innovations_are_white_unless_the_filter_counts_the_same_information_twi
 
 @cache
 def sick_runs() -> list[ReceiverRun]:
-    return flown(long_setting(), VARIANTS["two_stage"], 40.0, 6, 71)
+    return flown(long_setting(), VARIANTS["two_stage"], 40.0, RUNS, 71)
 
 
 def between(of: Setting, runs: list[ReceiverRun], begin_s: float, end_s: float) -> float:
