@@ -152,10 +152,27 @@ def two_stage_velocity_mps(
     ConfigError : another model, directions that do not separate position from clock, C/N0 out of range
     """
     _require_states(model, CHANNEL_STATES, "channel_model")
+    noise, motion, _ = (part[FREQUENCY, FREQUENCY] for part in _sources(model, loop, cn0_dbhz))
+    return least_squares_velocity_mps(float(noise), float(motion), directions, carrier_hz)
+
+
+def least_squares_velocity_mps(noise: float, motion: float, directions: Float64, carrier_hz: float) -> float:
+    """Return the 3-D rms of the velocity by least squares over channels whose frequencies have these variances [m/s].
+
+    Equation: (s_n tr C + 3 s_a) / k^2, C the block of velocity of ``(U^T U)^-1``, U = [-u, 1]
+
+    Parameters
+    ----------
+    noise, motion : s_n, of each channel by itself, and s_a, by an acceleration common to all [rad^2/s^2]
+    directions : (m, 3) unit vectors from user to satellites
+
+    Raises
+    ------
+    ConfigError : directions that do not separate position from clock
+    """
     u = checked_directions(directions)
     U = np.column_stack([-u, np.ones(len(u))])
     dilution = float(np.trace(np.linalg.inv(U.T @ U)[POSITION, POSITION]))
-    noise, motion, _ = (part[FREQUENCY, FREQUENCY] for part in _sources(model, loop, cn0_dbhz))
     return math.sqrt(noise * dilution + 3.0 * motion) / per_mps(carrier_hz)
 
 

@@ -334,6 +334,14 @@ def test_study_tells_errors_thresholds_and_saves(tmp_path: Path) -> None:
     assert study.summary["js_db"].to_numpy() == pytest.approx(
         10.0 * math.log10(1.022e6) - study.summary["cn0_dbhz"].to_numpy()
     )
+    strong = study.summary[study.summary["cn0_dbhz"] == 45.0].set_index("variant")
+    one, two = strong.loc["one_stage"], strong.loc["two_stage"]
+    assert one["linear_phase_rad"] == pytest.approx(one["phase_rad"], rel=0.1)
+    assert one["linear_velocity_mps"] == pytest.approx(one["velocity_mps"], rel=0.1)
+    assert one["linear_attitude_deg"] == pytest.approx(one["attitude_deg"], rel=0.2)
+    assert two["linear_phase_rad"] == pytest.approx(two["phase_rad"], rel=0.05)
+    assert two["linear_channels_mps"] == pytest.approx(two["channels_mps"], rel=0.05)
+    assert math.isnan(two["linear_velocity_mps"]) and math.isnan(one["linear_channels_mps"])
     saved = study.save(tmp_path / "out")
     assert {path.suffix for path in saved.iterdir()} == {".csv", ".json", ".png"}
     assert "ReceiverStudy" in repr(study)

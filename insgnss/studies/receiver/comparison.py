@@ -2,7 +2,7 @@
 
 | table | one row for each | columns |
 |-------|------------------|---------|
-| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high innovation_correlation cn0_estimated_dbhz unsettled |
+| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high innovation_correlation cn0_estimated_dbhz unsettled linear_phase_rad linear_velocity_mps linear_attitude_deg linear_channels_mps |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
@@ -30,7 +30,9 @@ sigmas in delay and Doppler (``sd_delay_m``, ``sd_rate_mps``), how far the truth
 is not back at the run's end has a row as well, whose ``back_s`` is inf; ``lost`` does not count it, as its filter coasts.
 ``events`` has the kinds ``all_channels_lost`` (the filter goes on by itself) and ``channel_tracked_again``.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
-channel, with the interval that 95 % of such shares span, and that of the linear theory. Of aided channels (aided, two_stage,
+channel, with the interval that 95 % of such shares span, and that of the linear theory. The summary's columns ``linear_*``
+are its errors (``receiver.linear_theory``): of phases that are tracked at a C/N0 that stays. They are NaN of what it
+does not know: errors of a filter behind channels, a position, and the replicas of ``optimal``. Of aided channels (aided, two_stage,
 optimal) the linear theory takes a residual INS error of 0.06 m/s^2 over 100 s and 0.1 m/s^2 white at 1 ms for any IMU;
 that of one stage follows the IMU.
 """  # noqa: E501 - the table is the documentation
@@ -38,7 +40,7 @@ that of one stage follows the IMU.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -56,7 +58,8 @@ from insgnss.studies.receiver import pictures
 from insgnss.studies.receiver.admission import checked_call, unused_options, wanted_variants
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
 from insgnss.studies.receiver.jammed_sky import emitters_of
-from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
+from insgnss.studies.receiver.limits import threshold_table
+from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, LinearTheory
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
@@ -122,7 +125,8 @@ class ReceiverStudy(ResultDisplay):
 
     def _title(self) -> str:
         imu = self.asked["imu"]
-        return f"{self.asked['scenario']}, {self.asked['tracking']}, {'no INS' if imu is None else imu}"
+        sensor = "no INS" if imu is None else imu if isinstance(imu, str) else "a given IMU grade"
+        return f"{self.asked['scenario']}, {self.asked['tracking']}, {sensor}"
 
 
 def receiver_study(
@@ -182,17 +186,19 @@ def receiver_study(
             found[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
             if report is not None:
                 report(len(found), len(wanted) * len(profiles))
+    theories = {name: LinearTheory.of(scene, variant) for name, variant in wanted.items()}
+    linear = _linear_errors(theories, profiles, steady=emitters is None and antennas is None)
     summary = pd.DataFrame(
         [
             summary_row(scene, name, wanted[name], level, of)
             | {"unsettled": flight.unsettled.get((name, level), "")}
+            | {f"linear_{key}": value for key, value in linear[name, level]._asdict().items()}
             for (name, level), of in found.items()
         ]
     )
-    linear = {name: linear_threshold_dbhz(scene, variant) for name, variant in wanted.items()}
     return ReceiverStudy(
         summary,
-        threshold_table(summary, linear, scene),
+        threshold_table(summary, {name: of.threshold_dbhz() for name, of in theories.items()}, scene),
         pd.concat([channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
         search_rows(found),
         event_rows(found),
@@ -217,6 +223,17 @@ def receiver_study(
             "options": scene.options.told(),
         },
     )
+
+
+def _linear_errors(
+    theories: Mapping[str, LinearTheory], levels: Iterable[float], *, steady: bool
+) -> dict[tuple[str, float], LinearErrors]:
+    """Return the linear theory's errors; nothing where C/N0 differs between channels or over time."""
+    return {
+        (name, level): theory.errors(level) if steady else NOTHING
+        for name, theory in theories.items()
+        for level in levels
+    }
 
 
 def case_flight(asked: FlightRequest, name: str, cn0_dbhz: float) -> ReceiverFlight:

@@ -1,4 +1,4 @@
-"""Where receivers lose lock: the C/N0 at which half of the runs do, and that of the linear theory."""
+"""Where receivers lose lock: the C/N0 at which half of the runs do, beside that of the linear theory."""
 
 from __future__ import annotations
 
@@ -10,23 +10,11 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from insgnss.errors import ConfigError
-from insgnss.geodesy.directions import directions
-from insgnss.interference.discriminators import ENGINEERING_RATIO, discriminator
-from insgnss.interference.linear_threshold import phase_threshold
-from insgnss.interference.margin import PhaseLoop
-from insgnss.interference.phase_models import UnknownAcceleration, channel_model, one_stage_model
-from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
 from insgnss.studies.receiver.scene import StudyScene
-from insgnss.studies.receiver.variants import Variant
-from insgnss.studies.receiver.workspace import ONE_STAGE, SCALAR
 from insgnss.tables import Float64
-from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 
 _CONFIDENCE: Final = 0.95
 _HALF: Final = 0.5
-_INS_ERROR: Final = UnknownAcceleration(0.06, 100.0, 0.1, 1e-3)  # what an aided loop is designed for
-_NAMES: Final = {"q": "Q", "iq": "IQ", "sign": "sign(I)Q", "atan": "atan(Q/I)"}
 
 
 def threshold_table(
@@ -62,32 +50,3 @@ def crossing(cn0_dbhz: Float64, share: Float64) -> float:
     k = int(np.flatnonzero(falling >= _HALF)[-1])
     part = (falling[k] - _HALF) / (falling[k] - falling[k + 1])
     return float(cn0_dbhz[k] + part * (cn0_dbhz[k + 1] - cn0_dbhz[k]))
-
-
-def linear_threshold_dbhz(scene: StudyScene, variant: Variant) -> float:
-    """Return the threshold of the linear theory; NaN of what it does not know: no phase tracking, other discriminators.
-
-    A channel's, without INS with the vehicle's acceleration, with INS with a residual error of 0.06 m/s^2 over 100 s
-    and 0.1 m/s^2 white at 1 ms, whatever IMU is asked for: that of the laboratory's reference table. Of one
-    stage that of its 11 states, or of 17 along the motion with the IMU that is asked for.
-    """
-    setting, kind = scene.setting, PHASE_KINDS[scene.setting.channels.kinds[0]]
-    if not setting.channels.coherent or kind not in _NAMES or setting.drift_density <= 0.0:
-        return math.nan
-    loop = PhaseLoop(discriminator(_NAMES[kind], ENGINEERING_RATIO), scene.bandwidth_hz, setting.truth.step_s)
-    sky = directions(scene.azimuth_deg, scene.elevation_deg)
-    unknown = UnknownAcceleration(setting.unknown.sigma_mps2, setting.unknown.time_s)
-    density, carrier = setting.drift_density, setting.carrier_hz
-    try:
-        if variant.kind != ONE_STAGE:
-            motion = unknown if variant.kind == SCALAR else _INS_ERROR
-            return phase_threshold(channel_model(motion, density, carrier), loop).cn0_dbhz
-        if setting.inertial is None or setting.grade is None:
-            return phase_threshold(one_stage_model(unknown, density, carrier, sky), loop).cn0_dbhz
-        receiver = ManoeuvringReceiver.of(
-            scene.trajectory, setting.grade, density, carrier, sky, setting.truth.step_s
-        )
-        settled_s = float(setting.truth.t_s[setting.settle]) - scene.trajectory.first_s
-        return receiver.threshold(loop, settle_s=settled_s).cn0_dbhz
-    except ConfigError:  # holds everywhere, or nowhere: there is no threshold
-        return math.nan

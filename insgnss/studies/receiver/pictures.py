@@ -13,12 +13,15 @@ from insgnss.studies.figures import COLOURS, new_figure
 if TYPE_CHECKING:
     from insgnss.studies.figures import Axes, Figure
 
+# column of the summary, and that of the linear theory
 _PANELS: Final = (
-    ("position_m", "position, m"),
-    ("velocity_mps", "velocity, m/s"),
-    ("attitude_deg", "attitude, deg"),
-    ("rate_mps", "range rate of the replicas, m/s"),
+    ("position_m", "position, m", ""),
+    ("velocity_mps", "velocity, m/s", "linear_velocity_mps"),
+    ("channels_mps", "velocity by range rates alone, m/s", "linear_channels_mps"),
+    ("attitude_deg", "attitude, deg", "linear_attitude_deg"),
 )
+_PHASE: Final = ("phase_rad", "phase of the replicas, rad", "linear_phase_rad")
+_RATE: Final = ("rate_mps", "range rate of the replicas, m/s", "")
 _OVER_TIME: Final = (
     ("position_m", "position, m"),
     ("velocity_mps", "velocity, m/s"),
@@ -29,24 +32,31 @@ _OVER_TIME: Final = (
 
 
 def error_figure(summary: pd.DataFrame, thresholds: pd.DataFrame, title: str) -> Figure:
-    """Return errors over C/N0, and the share of runs in lock over J/S with the linear theory's limits as lines."""
+    """Return errors over C/N0 and the share of runs in lock over J/S: runs as dots, the linear theory as lines."""
     figure = new_figure(10.0, 9.0)
     grid = figure.add_gridspec(3, 2)
-    for k, (column, label) in enumerate(_PANELS):
+    tracked = np.isfinite(summary["phase_rad"]).any()
+    for k, panel in enumerate((*_PANELS, _PHASE if tracked else _RATE)):
         axes = figure.add_subplot(grid[k // 2, k % 2])
-        drawn = [
-            axes.semilogy(rows["cn0_dbhz"], rows[column], "o-", ms=4, lw=1.2, color=colour, label=name)
-            for name, rows, colour in _by_variant(summary)
-            if np.isfinite(rows[column]).any()
-        ]
-        axes.set_xlabel("C/N0, dBHz")
-        axes.set_ylabel(label)
-        axes.grid(alpha=0.3, which="both")
-        if k == 0 and drawn:
+        _draw_errors(axes, summary, panel)
+        if k == 0 and axes.get_lines():
             axes.legend(fontsize=8)
-    _draw_lock(figure.add_subplot(grid[2, :]), summary, thresholds)
-    figure.suptitle(title, fontsize=10)
+    _draw_lock(figure.add_subplot(grid[2, 1]), summary, thresholds)
+    figure.suptitle(f"{title} (lines: linear theory)", fontsize=10)
     return figure
+
+
+def _draw_errors(axes: Axes, summary: pd.DataFrame, panel: tuple[str, str, str]) -> None:
+    """Draw an error of each receiver over C/N0; ``panel`` are its column, its label and the theory's column, if any."""
+    column, label, linear = panel
+    for name, rows, colour in _by_variant(summary):
+        if np.isfinite(rows[column]).any():
+            axes.semilogy(rows["cn0_dbhz"], rows[column], "o", ms=4, color=colour, label=name)
+        if linear and np.isfinite(rows[linear]).any():
+            axes.semilogy(rows["cn0_dbhz"], rows[linear], "-", lw=1.0, color=colour)
+    axes.set_xlabel("C/N0, dBHz")
+    axes.set_ylabel(label, fontsize=8)
+    axes.grid(alpha=0.3, which="both")
 
 
 def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
