@@ -1,10 +1,11 @@
-"""Speeds that ``make bench`` follows, beside those of single rooms: reading, the filter's loop, a whole command."""
+"""Speeds that ``make bench`` follows, beside those of single rooms: reading, the loop of the filter, a command, a receiver."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config, imu_grade
@@ -13,6 +14,10 @@ from insgnss.log.flight import Flight
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.runs.gnss_rows import corrected_rows
 from insgnss.runs.setup import setup_filter
+from insgnss.studies import ReceiverOptions
+from insgnss.studies.receiver.runs import run_many
+from insgnss.studies.receiver.scene import scene_of
+from insgnss.studies.receiver.variants import VARIANTS
 from tests.benchmarks.bench_replay import SAMPLE, command
 from tests.benchmarks.long_log import LongLog, write_log
 from tests.log.writing import WEEK, imu_config
@@ -49,3 +54,13 @@ def test_replay_of_the_sample_flight_as_a_command(tmp_path: Path, benchmark: Any
     benchmark.pedantic(lambda: command(SAMPLE, tmp_path / "run"), rounds=ROUNDS, warmup_rounds=1)
 
     assert (tmp_path / "run" / "nav.parquet").exists()
+
+
+def test_one_stage_receiver_of_eight_channels_for_ten_seconds_at_a_millisecond(benchmark: Any) -> None:
+    options = ReceiverOptions(duration_s=10.0, settle_s=5.0, average_s=5.0, step_s=1e-3)
+    of = scene_of("manoeuvring_5g", "coherent", "industrial", "tcxo", options).setting
+    runs = benchmark.pedantic(
+        lambda: run_many(of, VARIANTS["one_stage"], np.asarray(40.0), 1, 1, 1), rounds=ROUNDS, warmup_rounds=1
+    )
+
+    assert not runs[0].lost
