@@ -1,4 +1,4 @@
-"""Speeds that ``make bench`` follows, beside those of single rooms: reading, the loop of the filter, a command, a receiver."""
+"""Speeds that ``make bench`` follows beside those of single rooms: reading, the filter's loop, command, receiver."""
 
 from __future__ import annotations
 
