@@ -4,8 +4,8 @@
   the vehicle's acceleration, with INS a residual error of 0.06 m/s^2 over 100 s and 0.1 m/s^2 white at 1 ms, whatever
   IMU is asked for: that of the laboratory's reference table. The velocity is that by least squares of all channels.
 - One stage without INS: the optimal filter of 11 states, in the steady state.
-- One stage with INS: the covariance of 17 states along the motion, with the IMU that is asked for, from where errors are
-  averaged to the motion's end.
+- One stage with INS: the covariance of 17 states along the motion, with the IMU that is asked for. Errors are averaged
+  from the same moment as those of the runs, but to the end of the motion.
 
     theory = LinearTheory.of(scene, variant)
     theory.threshold_dbhz()          # NaN where there is none
