@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.config.flight import ImuGrade
+from insgnss.config.imu import ImuGrade
 from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import directions
 from insgnss.inertial.sensor_model import sensor_model
@@ -60,9 +60,8 @@ class LinearErrors(NamedTuple):
     """Errors by the linear theory, rms, named as in ``summary``; NaN of what it does not know."""
 
     phase_rad: float = math.nan  # of all channels together, before an update
-    velocity_mps: float = (
-        math.nan
-    )  # of the receiver's own solution, 3-D, after one (one stage with INS: before)
+    # 3-D, of the receiver's own solution, after an update (one stage with INS: before)
+    velocity_mps: float = math.nan
     attitude_deg: float = math.nan
     channels_mps: float = math.nan  # 3-D, by least squares of all range rates
 
@@ -122,9 +121,7 @@ class LinearTheory:
             errors = self.along.errors(self.loop, cn0_dbhz, self.settle_s)
             attitude_deg = math.degrees(errors.attitude_rad)
             return LinearErrors(_rms(errors.phase_rms_rad), errors.velocity_mps, attitude_deg)
-        if self.model is None:
-            return NOTHING
-        if self.kind == INTERVAL_MESSAGE:
+        if self.model is None or self.kind == INTERVAL_MESSAGE:
             return NOTHING
         found, T = sampled_filter(self.model, self.loop, cn0_dbhz), self.loop.accumulation_s
         phase_rad = _rms(sampled_phase_rms_rad(self.model, found))
