@@ -4,10 +4,11 @@ With the field m along body axes, the vehicle's own field b (hard iron) and the 
 
     n . C_nb (m - b) = H cos D,    e . C_nb (m - b) = H sin D.
 
-The two rows are these along and across magnetic north (u, a): 0 = a . C_nb (m - b) gives the heading, with a sigma of
-sigma / H, and H = u . C_nb (m - b) shows whether the field is the Earth's. Both are used or refused together: a motor
-or a bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of
-it, so that a heading is never better than its declination and hard iron. The vertical field is not used.
+The two rows are these in polar coordinates, p and t of C_nb (m - b) against magnetic north: p = H shows whether the
+field is the Earth's, whatever the heading; 0 = p t gives the heading, with a sigma of sigma / H, and is linear in it
+however far off that is. Both are used or refused together: a motor or a bridge that bends the field past the gate is
+refused as a whole. States: b, H and D, each with what is known of it, so that a heading is never better than its
+declination and hard iron. The vertical field is not used.
 Neglects: soft iron (3 % of the field in a car's cabin, 1 deg) but for what H takes; the Earth field's change with the
 place, 1 deg of declination in 100 km.
 """
@@ -55,14 +56,18 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
         )
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
-        """Return the rows across and along magnetic north."""
+        """Return the rows of the horizontal field's direction and size."""
         config, name = self.config, self.name
         strength = config.horizontal_ut + self.value_of(state, "strength")
         D = RAD_PER_DEG * config.declination_deg + self.value_of(state, "declination")
         field_b = reading.values - np.asarray(state.optional[f"{name}_iron"])
-        along_e, across_e = self._directions(state, D)
+        north_e, east_e = self._directions(state, D)
         field_e = state.C_eb @ field_b
-        across, along = float(across_e @ field_e), float(along_e @ field_e)
+        north, east = float(north_e @ field_e), float(east_e @ field_e)
+        size, turn = math.hypot(north, east), math.atan2(east, north)
+        along_e = math.cos(turn) * north_e + math.sin(turn) * east_e
+        # d (p t) = t dp + p dt
+        arc_e = math.cos(turn) * east_e - math.sin(turn) * north_e + turn * along_e
 
         # predicted is the right side less C_nb (m - b), measured is zero
         def partials(
@@ -75,15 +80,16 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
                 f"{name}_declination": of_declination,
             }
 
-        # by D: u' = a, a' = -u
         return (
-            weighted(across, partials(across_e, 0.0, along), config.sigma_ut, reading),
-            weighted(along - strength, partials(along_e, 1.0, -across), config.sigma_ut, reading),
+            weighted(
+                size * turn, partials(arc_e, 0.0, size), config.sigma_ut * math.hypot(1.0, turn), reading
+            ),
+            weighted(size - strength, partials(along_e, 1.0, 0.0), config.sigma_ut, reading),
         )
 
     @staticmethod
     def _directions(state: StateEstimate, D: float) -> tuple[Float64, Float64]:
-        """Return the horizontal unit vectors along and across magnetic north, ECEF."""
+        """Return the horizontal unit vectors to magnetic north and east, ECEF."""
         north, east = state.C_ne[0], state.C_ne[1]
         along = math.cos(D) * north + math.sin(D) * east
         return along, -math.sin(D) * north + math.cos(D) * east

@@ -116,6 +116,27 @@ def test_partials_are_the_differences_of_the_prediction(kind: str) -> None:
             np.testing.assert_allclose(np.atleast_1d(given), found[0], atol=atol, err_msg=f"{k} {name}")
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 70.0, -160.0])
+def test_size_of_the_magnetic_field_does_not_tell_the_heading_and_its_direction_is_linear_in_it(
+    turn_deg: float,
+) -> None:
+    """A field of the wrong size is refused whatever the heading, one of the right size turns each as far as it must."""
+    one = measurement("magnetometer", VALUES["magnetometer"])
+    state = estimate(one.states())
+    up_e = -state.C_ne[2]
+    direction, size = rows(one, state)
+    from_here = float(direction.innovation) / (
+        float(size.innovation) + 20.02
+    )  # of the field, by its intensity there
+    turned = moved(state, "attitude", math.radians(turn_deg) * up_e)
+    direction_turned, size_turned = rows(one, turned)
+
+    assert np.dot(size_turned.partials["attitude"], up_e) == pytest.approx(0.0, abs=1e-9)
+    assert size_turned.innovation == pytest.approx(size.innovation, abs=1e-9)
+    moved_rad = float(direction_turned.innovation) / (float(size_turned.innovation) + 20.02) - from_here
+    assert math.remainder(moved_rad + math.radians(turn_deg), 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_odometer_reads_along_the_forward_axis_of_a_vehicle_whose_imu_looks_aside() -> None:
     """30 deg to the right of the vehicle and 10 deg up: along the body's own axis the wheel would read 15 % less."""
     given = vehicle("car", non_holonomic={"mounting_yaw_deg": 30.0, "mounting_pitch_deg": 10.0})
