@@ -12,6 +12,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.tables import Float64, Int64
 
+LARGEST_BIAS_RADPS: Final = math.radians(10.0)  # of a phone's gyro without its calibration
 # No body with a navigation receiver turns faster (a shell in its spin: 2000 rad/s) or stands more than 10 000 g
 _FASTEST_TURN_RADPS: Final = 1e4
 _LARGEST_FORCE_MPS2: Final = 1e6

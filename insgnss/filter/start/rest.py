@@ -10,12 +10,11 @@ import numpy as np
 from insgnss.config.filter import FilterConfig
 from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S
-from insgnss.inertial.alignment import AlignmentWindow
+from insgnss.inertial.alignment import LARGEST_BIAS_RADPS, AlignmentWindow
 from insgnss.tables import Float64
 
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS: Final = 0.5
-_LARGEST_BIAS_RADPS: Final = math.radians(10.0)  # of a phone's gyro without its calibration
 
 
 class MeasuredVelocity(NamedTuple):
@@ -48,7 +47,7 @@ def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuG
     limit = math.radians(start.rest_rate_degps)
     steady = window.spread_w < limit and window.spread_f < start.rest_accel_mps2
     turns = np.abs(window.w_ib_b).max() > _largest_usual(config, grade)
-    stands = np.linalg.norm(window.tilting_b) < limit and np.abs(window.w_ib_b).max() < _LARGEST_BIAS_RADPS
+    stands = np.linalg.norm(window.tilting_b) < limit and np.abs(window.w_ib_b).max() < LARGEST_BIAS_RADPS
     return bool(steady and (stands or not turns))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.log.imu.units import alike_accel_unit
@@ -186,8 +187,8 @@ def _bias_findings(
     rates = np.rad2deg(np.median(windows.w_ib_b[still], axis=0))
     bias = grade.gyro_bias_deg_per_h / 3600.0
     axis = int(np.argmax(np.abs(rates)))
-    if abs(rates[axis]) <= BIASED * bias + turning_degps:
-        return []
+    if not BIASED * bias + turning_degps < abs(rates[axis]) < np.rad2deg(LARGEST_BIAS_RADPS):
+        return []  # a faster one is a roll along the straight
     text = f"{where} the {'xyz'[axis]} gyro reads {rates[axis]:+.2g} deg/s; its grade has a bias of {bias:.2g} deg/s"
     advice = (
         "a gyro whose calibration is not applied, or another sensor: take its bias off, or give"
