@@ -111,7 +111,12 @@ def _or_empty(value: float | None) -> str:
     return "" if value is None else str(value)
 
 
-def sensor(kind: str, elapsed_ns: int, xyz: tuple[float, float, float]) -> str:
+def sensor(
+    kind: str,
+    elapsed_ns: int,
+    xyz: tuple[float, float, float],
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> str:
     gps_ns = elapsed_ns - ELAPSED_MINUS_TIME_NS - BOOT_FULL_BIAS_NS
     utc_ms = gps_ns // 10**6 + 315_964_800_000 - 18_000
-    return f"{kind},{utc_ms},{elapsed_ns},{xyz[0]},{xyz[1]},{xyz[2]},0.0,0.0,0.0\n"
+    return f"{kind},{utc_ms},{elapsed_ns},{xyz[0]},{xyz[1]},{xyz[2]},{bias[0]},{bias[1]},{bias[2]}\n"

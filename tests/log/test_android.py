@@ -434,6 +434,29 @@ def test_sensors_are_put_on_gps_time_and_the_accelerometer_on_the_gyros_times(tm
     assert np.allclose(log.imu.f_b[:, 0], 0.25 * since_ms) and np.allclose(log.imu.f_b[:, 1], 9.81)
 
 
+@pytest.mark.parametrize(
+    ("drift", "told"), [((-0.01, -0.035, 0.068), True), ((0.0, 0.0, 0.0), False), ((0.0, 0.0, 3.0), False)]
+)
+def test_drift_that_a_phone_states_of_its_gyros_is_taken_off_as_one_number(
+    tmp_path: Path, drift: tuple[float, float, float], told: bool
+) -> None:
+    """Its steps stay out of the rates; a drift of 170 deg/s is none."""
+    start = T + ELAPSED_MINUS_TIME_NS
+    texts = [epoch(T + k * 10**9, [GPS_5]) for k in range(3)]
+    for k in range(40):
+        now = start + k * 5_000_000
+        estimate = drift if k > 5 else (0.0, 0.0, 0.0)
+        texts.insert(-2, sensor("UncalGyro", now, (0.01 * k, 0.2, -0.5), estimate))
+        texts.insert(-2, sensor("UncalAccel", now, (0.0, 9.81, 0.0)))
+    log = read(tmp_path, *texts)
+
+    assert log.imu is not None
+    taken_off = np.array(drift) if told else np.zeros(3)
+    assert np.allclose(log.imu.w_ib_b, np.array([[0.01 * k, 0.2, -0.5] for k in range(40)]) - taken_off)
+    told_events = [e.detail for e in log.events if e.kind == "imu_drift_taken_off"]
+    assert ["-0.573 -2.005 +3.896 deg/s" in detail for detail in told_events] == [True] * told
+
+
 def test_gap_of_one_sensor_is_not_bridged(tmp_path: Path) -> None:
     start = T + ELAPSED_MINUS_TIME_NS
     gyro = [sensor("UncalGyro", start + k * 10_000_000, (0.1, 0.0, 0.0)) for k in range(100)]

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_MS, NS_PER_S, SIGMA_PER_MEDIAN
+from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
@@ -30,6 +31,8 @@ _ANGULAR_RATE: Final = (
     ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
     ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
 )
+# what the phone itself takes for the drift of its raw gyros; it changes in steps, which the raw rates do not have
+_DRIFT: Final = ("DriftXRadPerSec", "DriftYRadPerSec", "DriftZRadPerSec")
 INERTIAL_KINDS: Final = frozenset(kind for kind, _ in _ACCELERATION + _ANGULAR_RATE)
 # The calibrated field steps where the phone changes its own estimate of the hard iron; the raw one does not
 _FIELD: Final = (
@@ -87,7 +90,10 @@ class PhoneClock:
 
 
 def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTable | None, list[Event]]:
-    """Return a row for each gyro sample, the specific force interpolated to it, in the phone's axes."""
+    """Return a row for each gyro sample, the specific force interpolated to it, in the phone's axes.
+
+    From the raw rates of a phone that states their drift, several deg/s of some, its median is taken off.
+    """
     if not any(kinds.get(kind, AndroidLines()).texts for kind in INERTIAL_KINDS):
         return None, []
     events = [] if clock.doubt is None else [clock.doubt]
@@ -98,12 +104,27 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
         events += refused_lines(kind, found)
         t_ns, timed = clock.times(found)
         values = _vectors(found, axes)
+        if kind == "UncalGyro":
+            values, drift_events = _without_drift(found, values)
+            events += drift_events
         if not timed.all():
             detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
             events.append(Event(None, "imu_time_unknown", detail))
         samples.append((t_ns[timed], values[timed]))
     imu, more_events = paired(*samples[0], *samples[1], "phone")
     return imu, events + more_events
+
+
+def _without_drift(found: AndroidCells, rates: Float64) -> tuple[Float64, list[Event]]:
+    """Return the rates (n, 3) without the phone's own estimate of their drift [rad/s], and an event of it."""
+    stated = _vectors(found, _DRIFT)
+    stated = stated[np.isfinite(stated).all(axis=1)]
+    drift = np.median(stated, axis=0) if len(stated) else np.zeros(3)
+    if not 0.0 < np.abs(drift).max() < LARGEST_BIAS_RADPS:
+        return rates, []
+    shown = " ".join(f"{each:+.3f}" for each in np.rad2deg(drift))
+    detail = f"UncalGyro: the phone's own estimate of the gyros' drift is taken off, on median {shown} deg/s"
+    return rates - drift, [Event(None, "imu_drift_taken_off", detail)]
 
 
 def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[FurtherSamples], list[Event]]:

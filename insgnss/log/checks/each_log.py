@@ -44,6 +44,7 @@ NOTICES: Final = frozenset(
         "android_lines_not_read",
         "android_range_not_used",
         "glonass_slot_found",
+        "imu_drift_taken_off",
         "imu_increment_over_long_step",
         "leap_seconds_by_date",
         "midnight_crossover",
