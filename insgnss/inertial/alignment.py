@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,6 +29,12 @@ class AlignmentWindow:
     w_ib_b: Float64  # (3,) mean rate [rad/s]
     spread_f: float  # root mean square about the mean, largest axis [m/s^2]
     spread_w: float  # [rad/s]
+
+    def without(self, accel: Float64, gyro: Float64) -> AlignmentWindow:
+        """Return the window of sensors without these errors (3,) [m/s^2], [rad/s]."""
+        return replace(
+            self, f_b=self.f_b - accel, still_f_b=self.still_f_b - accel, w_ib_b=self.w_ib_b - gyro
+        )
 
 
 def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:

@@ -139,6 +139,32 @@ def test_window_of_a_turning_body_gives_the_force_in_the_axes_of_its_end(
     assert window.spread_f > 0.5
 
 
+def test_window_shows_by_gravity_how_a_body_tilts_whatever_its_gyros_read() -> None:
+    w_b, error = np.array([0.03, -0.04, 0.05]), np.array([0.1, 0.2, -0.3])
+    t_ns, rates, forces = turning_log(w_b, 100.0)
+    window = inertial_window(t_ns, rates + error, forces, 500_000_000, 1_500_000_000)
+
+    assert window is not None
+    at_middle = Rotation.from_rotvec(w_b).apply(SPACE_FORCE, inverse=True)
+    up = at_middle / np.linalg.norm(at_middle)
+    assert window.tilting_b == pytest.approx(w_b - (w_b @ up) * up, abs=1e-4)
+    assert window.still_f_b == pytest.approx(at_middle, abs=2e-3)  # (w T)^2 / 24 of 10 m/s^2
+
+
+def test_window_without_errors_has_none_in_any_mean() -> None:
+    t_ns = np.arange(30) * 10_000_000
+    accel, gyro = np.array([0.1, -0.2, 0.3]), np.array([0.01, 0.02, -0.03])
+    spoilt = inertial_window(
+        t_ns, np.zeros((30, 3)) + gyro, np.tile(UP_MPS2 + accel, (30, 1)), 0, 200_000_000
+    )
+
+    assert spoilt is not None
+    window = spoilt.without(accel, gyro)
+    assert window.still_f_b == pytest.approx(UP_MPS2, abs=1e-12)
+    assert window.w_ib_b == pytest.approx(np.zeros(3), abs=1e-15)
+    assert window.f_b == pytest.approx(spoilt.f_b - accel, abs=1e-15)
+
+
 def test_window_weighs_each_sample_by_its_length() -> None:
     t_ns = np.array([0, 1, 2, 3, 7, 8]) * 10_000_000
     f_b = np.zeros((6, 3))

@@ -159,7 +159,7 @@ def open_carried(
     members: list[int] = []
     for i, m in enumerate(kept.bank.state):
         accel, gyro = whole_errors_of(m, setup.layout)
-        own = replace(window, f_b=window.f_b - accel, w_ib_b=window.w_ib_b - gyro)
+        own = window.without(accel, gyro)
         headings = _parked_heading(kept.bank, i)
         if not parked:
             headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
