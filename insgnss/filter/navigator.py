@@ -49,7 +49,7 @@ from insgnss.filter.start.ledger_marks import mark_rows
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.start.trial import StartValidation, banks_of, refusal
 from insgnss.filter.state import Bank, HeadRecord, copy_bank
-from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Event
@@ -249,9 +249,7 @@ class Navigator:
         """Return work space that fits the largest epoch."""
         largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
         if self._work is None or len(self._work.epoch.lines) < largest:
-            self._work = new_workspace(
-                largest, self.setup.layout, self.setup.installation, self.setup.visibility_limits
-            )
+            self._work = self.setup.workspace(largest)
         return self._work
 
     def _try_start(self, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> int:

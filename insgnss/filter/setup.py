@@ -28,6 +28,7 @@ from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
+from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.clock_groups import tied_clocks
 from insgnss.gnss.least_squares import Ties
@@ -38,6 +39,7 @@ from insgnss.gnss.orbits.precise import precise_states
 from insgnss.gnss.orbits.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.troposphere import Weather
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
 
 LIVE_SATELLITES: Final = 48  # that a receiver may have in view at the same time
@@ -121,6 +123,15 @@ class FilterSetup:
     def named_states(self) -> StateLayout:
         """The filter's states by name."""
         return state_layout(self.layout)
+
+    @property
+    def threads(self) -> int:
+        """How many filters may run side by side: own rows are Python, and a user's may keep state between calls."""
+        return usable_cores() if self.own is None else 1
+
+    def workspace(self, rows_per_epoch: int) -> FilterWorkspace:
+        """Return new work space for epochs of at most so many rows."""
+        return new_workspace(rows_per_epoch, self.layout, self.installation, self.visibility_limits)
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""

@@ -11,7 +11,6 @@ Time is counted in periods T, so that a level, B T and the discriminator fix eve
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from insgnss.interference.discriminators import (
     true_slope,
 )
 from insgnss.interference.optimal_loop import check_bandwidth_time, discrete_gains
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
@@ -213,7 +213,7 @@ def lock_threshold(
             advice="levels from 0.066 to 0.091 and 800 slips give C_A to 0.3 %",
         )
     rows = []
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(workers or usable_cores()) as pool:
         for done, level in enumerate(wanted):
             if progress is not None:
                 progress(kind.name, done / len(wanted))

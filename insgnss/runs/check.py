@@ -23,7 +23,7 @@ from insgnss.log.checks.each_log import ReadLogs, read_and_check
 from insgnss.log.checks.fixes_track import fixes_track
 from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
-from insgnss.log.checks.imu import GroundSpeed, imu_findings
+from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
@@ -171,13 +171,12 @@ def _judge_rest_by_speed(
         return
     t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
     order = np.argsort(t_ns, kind="stable")
-    v_e = track.v_e[order]
-    speed = GroundSpeed(t_ns[order], np.linalg.norm(v_e, axis=1), track.sd_v_mps[order], v_e)
+    velocity = GroundVelocity(t_ns[order], track.v_e[order], track.sd_v_mps[order])
     accel_unit = inertial(flight.config).accel_unit
     before = imu_findings(imu, week, accel_unit=accel_unit)
     at = min(findings.index(finding) for finding in before)
     findings[:] = [finding for finding in findings if finding not in before]
-    findings[at:at] = imu_findings(imu, week, speed, flight.imu_grade, accel_unit=accel_unit)
+    findings[at:at] = imu_findings(imu, week, velocity, flight.imu_grade, accel_unit=accel_unit)
 
 
 def _with(flight: Flight, findings: list[Finding]) -> Flight:

@@ -10,7 +10,6 @@ One filter's run is compiled and leaves Python's lock free: ``monte_carlo`` shar
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -38,6 +37,7 @@ from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.assembly import assemble
@@ -256,7 +256,7 @@ def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int
     def one(number: int) -> FilterErrors:
         return flight.run(flight.draw(np.random.default_rng([seed, number])))
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(threads or usable_cores()) as pool:
         found = list(pool.map(one, range(runs)))
     return MonteCarlo(*(np.array([getattr(o, name) for o in found]) for name in MonteCarlo._fields))
 

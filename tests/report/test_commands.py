@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patched:
         patched.chdir(there)
         patched.setattr(study, "load_campaign", few_seeds)
-        patched.setattr(cluster, "os", SimpleNamespace(cpu_count=lambda: 1))
+        patched.setattr(cluster, "usable_cores", lambda: 1)
         yield there
 
 

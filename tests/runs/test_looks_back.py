@@ -74,7 +74,7 @@ def test_every_number_of_cores_judges_alike(
 ) -> None:
     again, found = next(reruns(24, tmp_path_factory)), []
     for cores in (1, 5):
-        monkeypatch.setattr("insgnss.filter.diagnosis.suspects.usable_cores", lambda cores=cores: cores)
+        monkeypatch.setattr("insgnss.filter.setup.usable_cores", lambda cores=cores: cores)
         found.append(
             [
                 (v.suspect, v.satellites, v.axes, v.log_likelihood, v.bank.P.tobytes())

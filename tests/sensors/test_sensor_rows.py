@@ -120,7 +120,7 @@ def test_partials_are_the_differences_of_the_prediction(kind: str) -> None:
 def test_size_of_the_magnetic_field_does_not_tell_the_heading_and_its_direction_is_linear_in_it(
     turn_deg: float,
 ) -> None:
-    """A field of the wrong size is refused whatever the heading, one of the right size turns each as far as it must."""
+    """The gate refuses a field of the wrong size at any heading; a field of the right size corrects any heading."""
     one = measurement("magnetometer", VALUES["magnetometer"])
     state = estimate(one.states())
     up_e = -state.C_ne[2]

@@ -58,6 +58,6 @@ def test_receivers_without_phase_and_ins_have_an_independent_programs_errors(
     of = setting("noncoherent", False, 100.0)
     runs = flown(of, VARIANTS[name], 40.0, RUNS)
 
-    # the position stays alike for half a minute: the rms of one run of 60 s scatters by 35 %, that of eight by 12 %
+    # position errors last half a minute, so the rms scatters: by 35 % for one run of 60 s, by 12 % for eight
     assert settled(of, runs, POSITION) == pytest.approx(position_m, rel=0.15 + 0.12)
     assert settled(of, runs, VELOCITY) == pytest.approx(velocity_mps, rel=0.15)

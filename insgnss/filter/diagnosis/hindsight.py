@@ -63,7 +63,6 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.creeping import KEPT_OUT_S
-from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.filter.update.satellite_memory import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
 from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_epochs
@@ -332,8 +331,8 @@ class Hindsight:
         self, bank: Bank, stop_ns: int, stretches: EpochRanges | None = None, imu: ImuSamples | None = None
     ) -> list[EpochLog] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
-        epochs, setup = list[EpochLog](), self.setup
-        work = new_workspace(self.most_rows, setup.layout, setup.installation, setup.visibility_limits)
+        epochs: list[EpochLog] = []
+        work = self.setup.workspace(self.most_rows)
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
             now_ns = int(bank.head[0].now_ns)
@@ -341,8 +340,8 @@ class Hindsight:
             if last <= first:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
-            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), setup.layout.n_shown)
-            code = run_beside(bank, rows, imu or self.imu, self.parameters, out, work, setup)
+            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_shown)
+            code = run_beside(bank, rows, imu or self.imu, self.parameters, out, work, self.setup)
             if code != DONE:
                 return None
             slot = rows.observation["slot"]

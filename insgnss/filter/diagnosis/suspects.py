@@ -53,7 +53,6 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, joined_banks, select_members
 from insgnss.filter.update.satellite_memory import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
-from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.tables import Float64
 
 # A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
@@ -190,13 +189,10 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
 
 
 def every_fault(again: Hindsight) -> list[Verdict]:
-    """Return the results of the last minute for every supposed fault; they are tried on all cores.
-
-    Own rows are evaluated in Python, by one thread: a user's function may keep something between its calls.
-    """
+    """Return the results of the last minute for every supposed fault; they are tried side by side."""
     # a sensor that is said to have no bias cannot have one that jumps
     jumps = [each for each in (ACCELEROMETER, GYRO) if bias_of(each, again.setup)[2].sigma > 0.0]
-    with ThreadPoolExecutor(usable_cores() if again.setup.own is None else 1) as pool:
+    with ThreadPoolExecutor(again.setup.threads) as pool:
         sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
         tags = [pool.submit(list[Verdict], found(again)) for found in (other_tags, other_imu_tags)]
         satellites = again.without_satellites(pool)

@@ -17,7 +17,7 @@ a vibrating mount, or its time is wrong.
   what it was at the start. Normal errors are 5 sigma away once in two million.
 
 While several headings are open, each is widened by itself: at rest no fix tells them apart, and one that drifts away
-alone would keep its weight. Their sensor is the same: its noise is what the heading needs that fits the fixes best. An
+alone would keep its weight. All share one sensor: its noise is found from the heading that fits the fixes best. An
 event reports noise of three times that of the grade.
 """
 

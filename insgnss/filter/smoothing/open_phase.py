@@ -37,7 +37,6 @@ from insgnss.filter.smoothing.smoother_step import (
     kept_as_opened,
 )
 from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
-from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.geodesy.rotations import rotation_matrix
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64, Int64
@@ -67,7 +66,7 @@ def gone_over_alone(
     chain = [kept_as_opened(bank)]
     calm, layout = quiet(parameters), setup.layout
     largest = max((len(rows.observation) for rows in phase.epochs), default=0)
-    work = new_workspace(max(largest, 1), layout, setup.installation, setup.visibility_limits)
+    work = setup.workspace(max(largest, 1))
 
     def own_step(step: OwnUpdate) -> None:
         chain.append(keep_own(bank, step.correction, linked=True, fits=True))

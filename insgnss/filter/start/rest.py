@@ -46,9 +46,9 @@ def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuG
     start = config.start
     limit = math.radians(start.rest_rate_degps)
     steady = window.spread_w < limit and window.spread_f < start.rest_accel_mps2
-    turns = np.abs(window.w_ib_b).max() > _largest_usual(config, grade)
-    stands = np.linalg.norm(window.tilting_b) < limit and np.abs(window.w_ib_b).max() < LARGEST_BIAS_RADPS
-    return bool(steady and (stands or not turns))
+    read = np.abs(window.w_ib_b).max()
+    stands = read < LARGEST_BIAS_RADPS and np.linalg.norm(window.tilting_b) < limit
+    return bool(steady and (read <= _largest_usual(config, grade) or stands))
 
 
 def rate_in_doubt(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> Float64:

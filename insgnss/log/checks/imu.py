@@ -28,7 +28,7 @@ SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
 # Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
 GRAVITY_TOLERANCE: Final = 0.01
 NOISY: Final = 3.0  # noise over that of the grade
-BIASED: Final = 5.0  # rate at rest over the bias of the grade
+BIASED: Final = 5.0  # biases of the grade beyond which a gyro that does not turn reads too much
 EARTH_RATE_DEGPS: Final = np.rad2deg(WGS84_OMEGA_RADPS)
 STRAIGHT_DEGPS: Final = 0.5  # a course that turns more slowly is straight ...
 STRAIGHT_S: Final = 5.0  # ... over such a time ...
@@ -42,19 +42,23 @@ MIN_NOISE_PAIRS: Final = 10  # of neighbouring windows: their median is known to
 LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
 
-class GroundSpeed(NamedTuple):
-    """How fast the vehicle was by the satellites: inertial sensors cannot distinguish rest from steady motion."""
+class GroundVelocity(NamedTuple):
+    """The vehicle's velocity by the satellites: inertial sensors cannot distinguish rest from steady motion."""
 
     t_ns: Int64  # (m,) GPS time, rising
-    speed_mps: Float64  # (m,)
-    sd_mps: Float64  # (m,)
-    v_e: Float64 | None = None  # (m, 3) the velocity itself, if its direction is known
+    v_e: Float64  # (m, 3) ECEF [m/s]
+    sd_mps: Float64  # (m,) of one component
+
+    def at(self, t_ns: Int64, values: Float64) -> Float64:
+        """Return values (m,) of the epochs at other times, interpolated."""
+        wanted_s, known_s = ((each - self.t_ns[0]) / NS_PER_S for each in (t_ns, self.t_ns))
+        return np.asarray(np.interp(wanted_s, known_s, values))
 
 
 def imu_findings(
     imu: ImuTable,
     week: int,
-    speed: GroundSpeed | None = None,
+    velocity: GroundVelocity | None = None,
     grade: ImuGrade | None = None,
     *,
     accel_unit: str = "m/s^2",
@@ -63,7 +67,7 @@ def imu_findings(
 
     Parameters
     ----------
-    speed : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
+    velocity : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
     grade : the declared one; the noise is compared with it where the speed shows rest
     accel_unit : the declared one
     """
@@ -88,7 +92,7 @@ def imu_findings(
         )
         return findings
     steady = _resting(windows)
-    known, mps, sd_mps = _speed_at(windows, speed)
+    known, mps, sd_mps = _speed_at(windows, velocity)
     resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
     if resting.sum() >= MIN_REST_WINDOWS:
         by_grade = [] if grade is None or not known.any() else _at_rest_by_grade(windows, resting, grade)
@@ -97,25 +101,26 @@ def imu_findings(
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
         findings += _rest_findings(windows, moving, where, accel_unit)
-        straight = moving & _straight(windows, speed)
-        if grade is None or straight.sum() < MIN_STRAIGHT_WINDOWS:
-            return findings
-        return findings + _bias_findings(windows, straight, "on a straight", grade, STRAIGHT_DEGPS)
+        if grade is not None and velocity is not None:
+            straight = moving & _straight(windows, velocity)
+            if straight.sum() >= MIN_STRAIGHT_WINDOWS:
+                findings += _bias_findings(windows, straight, "on a straight", grade, STRAIGHT_DEGPS)
+        return findings
     text = "never at rest: units, axes and tilt cannot be judged by gravity"
     return [*findings, Finding("ok", "imu", text)]
 
 
-def _speed_at(windows: ImuWindows, speed: GroundSpeed | None) -> tuple[Bool, Float64, Float64]:
+def _speed_at(windows: ImuWindows, velocity: GroundVelocity | None) -> tuple[Bool, Float64, Float64]:
     """Return at which windows (m,) the speed is known, by epochs near enough on both sides, the speed and its sigma."""
     n = len(windows.t_ns)
-    if speed is None or len(speed.t_ns) < 2:
+    if velocity is None or len(velocity.t_ns) < 2:
         return np.zeros(n, np.bool_), np.full(n, np.nan), np.full(n, np.nan)
-    at = np.clip(np.searchsorted(speed.t_ns, windows.t_ns), 1, len(speed.t_ns) - 1)
-    near = speed.t_ns[at] - speed.t_ns[at - 1] <= SPEED_NEAR_S * NS_PER_S
-    known = near & (windows.t_ns >= speed.t_ns[0]) & (windows.t_ns <= speed.t_ns[-1])
-    t_s, epoch_s = ((t_ns - speed.t_ns[0]) / NS_PER_S for t_ns in (windows.t_ns, speed.t_ns))
-    mps, sd_mps = (np.interp(t_s, epoch_s, values) for values in (speed.speed_mps, speed.sd_mps))
-    return known, np.where(known, mps, np.nan), sd_mps
+    epoch_ns = velocity.t_ns
+    at = np.clip(np.searchsorted(epoch_ns, windows.t_ns), 1, len(epoch_ns) - 1)
+    near = epoch_ns[at] - epoch_ns[at - 1] <= SPEED_NEAR_S * NS_PER_S
+    known = near & (windows.t_ns >= epoch_ns[0]) & (windows.t_ns <= epoch_ns[-1])
+    mps = velocity.at(windows.t_ns, np.linalg.norm(velocity.v_e, axis=1))
+    return known, np.where(known, mps, np.nan), velocity.at(windows.t_ns, velocity.sd_mps)
 
 
 def _resting(windows: ImuWindows) -> Bool:
@@ -160,21 +165,16 @@ def _at_rest_by_grade(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> li
     ]
 
 
-def _straight(windows: ImuWindows, speed: GroundSpeed | None) -> Bool:
-    """Return (m,) in which windows the course stays as it is until some seconds later."""
-    if speed is None or speed.v_e is None:
-        return np.zeros(len(windows.t_ns), np.bool_)
-    t_s = (windows.t_ns - speed.t_ns[0]) / NS_PER_S
-    epoch_s = (speed.t_ns - speed.t_ns[0]) / NS_PER_S
+def _straight(windows: ImuWindows, velocity: GroundVelocity) -> Bool:
+    """Return (m,) in which windows, all within the epochs, the course stays as it is until some seconds later."""
+    later_ns = windows.t_ns + round(STRAIGHT_S * NS_PER_S)
     now, later = (
-        np.column_stack([np.interp(t_s + after_s, epoch_s, v) for v in speed.v_e.T])
-        for after_s in (0.0, STRAIGHT_S)
+        np.column_stack([velocity.at(t_ns, v) for v in velocity.v_e.T]) for t_ns in (windows.t_ns, later_ns)
     )
-    turned = np.linalg.norm(np.cross(now, later), axis=1)
     sizes = np.linalg.norm(now, axis=1), np.linalg.norm(later, axis=1)
     turns_by = np.deg2rad(STRAIGHT_DEGPS) * STRAIGHT_S * sizes[0] * sizes[1]
-    inside = (t_s >= 0.0) & (t_s + STRAIGHT_S <= epoch_s[-1])
-    return np.asarray(inside & (turned < turns_by) & (np.minimum(*sizes) > STRAIGHT_MPS))
+    straight = np.linalg.norm(np.cross(now, later), axis=1) < turns_by
+    return np.asarray(straight & (np.minimum(*sizes) > STRAIGHT_MPS) & (later_ns <= velocity.t_ns[-1]))
 
 
 def _bias_findings(
@@ -185,7 +185,7 @@ def _bias_findings(
     ``turning_degps`` is the rate of a turn that is possible all the same.
     """
     rates = np.rad2deg(np.median(windows.w_ib_b[still], axis=0))
-    bias = grade.gyro_bias_deg_per_h / 3600.0
+    bias = _gyro_bias_degps(grade)
     axis = int(np.argmax(np.abs(rates)))
     if not BIASED * bias + turning_degps < abs(rates[axis]) < np.rad2deg(LARGEST_BIAS_RADPS):
         return []  # a faster one is a roll along the straight
@@ -195,6 +195,10 @@ def _bias_findings(
         f" gyro_bias_deg_per_h = {3600.0 * abs(rates[axis]):.2g} in [imu.grade]"
     )
     return [Finding("warning", "imu", text, advice)]
+
+
+def _gyro_bias_degps(grade: ImuGrade) -> float:
+    return grade.gyro_bias_deg_per_h / 3600.0
 
 
 def _settling_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list[Finding]:
@@ -211,7 +215,7 @@ def _settling_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> l
     later = rates[len(rates) // 2 :]
     off = np.abs(rates - np.median(later, axis=0))
     noise = SIGMA_PER_MEDIAN * np.median(off[len(rates) // 2 :], axis=0)
-    limit = np.maximum(SETTLED * grade.gyro_bias_deg_per_h / 3600.0, SETTLED_SIGMAS * noise)
+    limit = np.maximum(SETTLED * _gyro_bias_degps(grade), SETTLED_SIGMAS * noise)
     beyond = (off > limit).any(axis=1)
     if not beyond[0] or beyond[len(rates) // 2 :].any():
         return []
@@ -220,7 +224,7 @@ def _settling_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> l
     axis = int(np.argmax(off[0]))
     text = (
         f"at rest the rate of the {'xyz'[axis]} gyro changes by {off[0, axis]:.2g} deg/s until {seconds:.0f} s after"
-        f" the first sample; its grade has a bias of {grade.gyro_bias_deg_per_h / 3600.0:.2g} deg/s"
+        f" the first sample; its grade has a bias of {_gyro_bias_degps(grade):.2g} deg/s"
     )
     advice = f"a sensor that warms up or calibrates itself: leave out the first {seconds:.0f} s of the inertial log"
     return [Finding("warning", "imu", text, advice)]

@@ -19,7 +19,6 @@ of both variances would be too small a measure of d_k: the adaptive noise levels
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final, NamedTuple
@@ -82,8 +81,7 @@ def separation_of(job: Job, nav: Table, ledger: list[LedgerPart], tell: Callable
     """
     model = fault_model(job.blocks, job.setup.config.integrity)
     tell(f"running {len(model.faults)} sub-filters")
-    threads = (os.cpu_count() or 1) if job.setup.own is None else 1
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(job.setup.threads) as pool:
         solutions = list(pool.map(lambda fault: _sub_filter(job, fault, nav, ledger), model.faults))
     d, sigma = (
         np.array([one[i] for one in solutions]).reshape(len(solutions), len(AXES), len(nav)) for i in (0, 1)

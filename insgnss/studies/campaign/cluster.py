@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from typing import Any, Final
 
 from insgnss.errors import ResultError
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.studies.campaign.tasks import AHEAD, Task, TaskReport, run_task
 
 PATIENCE_S: Final = 10.0  # for a scheduler to answer
@@ -28,7 +28,7 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
     dask = _dask()
     with ExitStack() as stack:
         if scheduler is None:
-            count = workers or os.cpu_count() or 1
+            count = workers or usable_cores()
             # a worker that died shows in the results; one that is slow to end on a busy machine does not; a second
             # campaign at the same time must not want the same port for its pages
             quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}

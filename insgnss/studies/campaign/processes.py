@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -10,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.studies.campaign.tasks import AHEAD, Task, TaskReport, run_task
 
 
@@ -19,7 +19,7 @@ def on_processes(tasks: Sequence[Task], workers: int | None) -> Iterator[TaskRep
     When a process dies, the tasks that were in work run again, each in a process of its own; one that dies there too
     gives a report with the error.
     """
-    waiting, count = deque(tasks), workers or os.cpu_count() or 1
+    waiting, count = deque(tasks), workers or usable_cores()
     while waiting:
         with _processes(min(count, len(waiting))) as pool:
             lost = yield from _until_one_dies(pool, waiting, AHEAD * count)

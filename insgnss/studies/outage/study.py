@@ -18,7 +18,6 @@ sqrt(sd^2 - sd_undisturbed^2), of ``errors`` the filter's own; ``sd_ratio`` is r
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -31,6 +30,7 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
+from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.log.flight import Flight
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.outage import pictures
@@ -169,7 +169,7 @@ def outage_study(
         raise ConfigError("the filter runs in none of the windows", key="windows", advice=_span(nav))
     passed = time.perf_counter()
     tell(f"running {len(kept)} windows")
-    found = branches(log, kept, removal, after_s, threads or os.cpu_count() or 1)
+    found = branches(log, kept, removal, after_s, threads or usable_cores())
     done = time.perf_counter()
     took = {"read_s": read - began, "pass_s": passed - read, "branches_s": done - passed}
     asked = {

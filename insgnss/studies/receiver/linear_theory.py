@@ -100,7 +100,7 @@ class LinearTheory:
             if self.along is not None:
                 return self.along.threshold(self.loop, settle_s=self.settle_s).cn0_dbhz
             return math.nan if self.model is None else phase_threshold(self.model, self.loop).cn0_dbhz
-        except ConfigError:  # holds everywhere, or nowhere: there is no threshold
+        except ConfigError:  # the loop holds lock at every C/N0, or at none
             return math.nan
 
     def errors(self, cn0_dbhz: float) -> LinearErrors:

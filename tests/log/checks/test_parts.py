@@ -11,7 +11,7 @@ from insgnss.config.library import imu_grade
 from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
-from insgnss.log.checks.imu import GroundSpeed, imu_findings
+from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.rates import jumps_that_agree
 from insgnss.log.checks.time_offset import (
     HOUR_S,
@@ -176,6 +176,11 @@ def test_offset_beyond_three_sigmas_is_suspect(offset_s: float, sd_s: float, agr
     assert finding.proposals == ()
 
 
+def ahead(speed_mps: Float64) -> Float64:
+    """Return velocities of one direction."""
+    return np.outer(speed_mps, [1.0, 0.0, 0.0])
+
+
 def steady_imu(seconds: int) -> ImuTable:
     t_ns = (np.arange(100 * seconds) * 10_000_000).astype(np.int64)
     return ImuTable(t_ns, np.zeros((len(t_ns), 3)), np.tile([0.0, 0.0, -9.81], (len(t_ns), 1)))
@@ -193,8 +198,8 @@ def test_steady_motion_is_not_called_rest_where_the_speed_is_known(
     speed_mps: float, sd_mps: float, words: str
 ) -> None:
     epochs = np.arange(-1, 62) * NS_PER_S
-    speed = GroundSpeed(epochs, np.full(63, speed_mps), np.full(63, sd_mps))
-    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+    velocity = GroundVelocity(epochs, ahead(np.full(63, speed_mps)), np.full(63, sd_mps))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, velocity))
 
     assert words in text and ("at rest" in text) is words.startswith("at rest")
 
@@ -206,7 +211,10 @@ def test_steady_motion_is_not_called_rest_where_the_speed_is_known(
 def test_noise_at_rest_is_compared_with_the_grade(sensor: str, key: str, times: float) -> None:
     """White noise of so many times the grade's, beside a vibration of 23 Hz, which averages out."""
     grade, rng = imu_grade("industrial"), np.random.default_rng(5)
-    imu, speed = steady_imu(120), GroundSpeed(np.arange(122) * NS_PER_S, np.zeros(122), np.full(122, 0.1))
+    imu, velocity = (
+        steady_imu(120),
+        GroundVelocity(np.arange(122) * NS_PER_S, np.zeros((122, 3)), np.full(122, 0.1)),
+    )
     rates, forces = np.zeros(imu.w_ib_b.shape), np.zeros(imu.w_ib_b.shape)
     wave = np.sin(2.0 * np.pi * 23.0 * np.arange(len(rates)) / 100.0)[:, None]
     white = times * getattr(grade, key) / 60.0 * 10.0 * rng.standard_normal(rates.shape)
@@ -216,7 +224,7 @@ def test_noise_at_rest_is_compared_with_the_grade(sensor: str, key: str, times: 
         forces = white + 0.2 * wave
     noisy = replace(imu, w_ib_b=imu.w_ib_b + rates, f_b=imu.f_b + forces)
 
-    told = [f for f in imu_findings(noisy, 0, speed, grade) if "have a noise" in f.text]
+    told = [f for f in imu_findings(noisy, 0, velocity, grade) if "have a noise" in f.text]
 
     assert [f"the {sensor} have a noise" in f.text and key in f.advice for f in told] == [True] * (
         times > 3.0
@@ -236,11 +244,11 @@ def test_gyro_that_settles_after_the_start_is_told(
     off_deg_per_s: float, begin_s: float, end_s: float, told: str
 ) -> None:
     grade, imu, rng = imu_grade("mems_consumer"), steady_imu(120), np.random.default_rng(8)
-    speed = GroundSpeed(np.arange(122) * NS_PER_S, np.zeros(122), np.full(122, 0.1))
+    velocity = GroundVelocity(np.arange(122) * NS_PER_S, np.zeros((122, 3)), np.full(122, 0.1))
     t_s = imu.t_ns / NS_PER_S
     w_ib_b = np.radians(0.01) * rng.standard_normal(imu.w_ib_b.shape)
     w_ib_b[:, 0] -= np.radians(off_deg_per_s) * ((t_s >= begin_s) & (t_s < end_s))
-    found = imu_findings(replace(imu, w_ib_b=w_ib_b), 0, speed, grade)
+    found = imu_findings(replace(imu, w_ib_b=w_ib_b), 0, velocity, grade)
 
     warnings = [f for f in found if "warms up" in f.advice]
     assert [told in f.text and f.severity == "warning" for f in warnings] == [True] * bool(told)
@@ -261,10 +269,10 @@ def test_gyro_that_reads_more_than_its_grade_without_a_turn_is_told(
     imu, t_s = steady_imu(60), np.arange(-1.0, 62.0)
     course = np.radians(course_degps) * t_s
     v_e = mps * np.column_stack([np.cos(course), np.sin(course), np.zeros(len(t_s))])
-    speed = GroundSpeed((t_s * NS_PER_S).astype(np.int64), np.full(63, mps), np.full(63, 0.1), v_e)
+    velocity = GroundVelocity((t_s * NS_PER_S).astype(np.int64), v_e, np.full(63, 0.1))
     turning = replace(imu, w_ib_b=imu.w_ib_b + np.radians([0.0, 0.0, gyro_degps]))
 
-    found = imu_findings(turning, 0, speed, imu_grade("mems_consumer"))
+    found = imu_findings(turning, 0, velocity, imu_grade("mems_consumer"))
 
     warnings = [f for f in found if "gyro reads" in f.text]
     assert [told in f.text and "gyro_bias_deg_per_h = 1.4e+04" in f.advice for f in warnings] == [
@@ -295,8 +303,8 @@ def test_unit_that_is_mistaken_for_a_scale_error_is_named(declared: str, written
 
 def test_rest_counts_only_where_the_vehicle_stood() -> None:
     epochs = np.arange(-1, 62) * NS_PER_S
-    speed = GroundSpeed(epochs, np.where(epochs < 20 * NS_PER_S, 0.0, 70.0), np.full(63, 0.1))
-    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+    velocity = GroundVelocity(epochs, ahead(np.where(epochs < 20 * NS_PER_S, 0.0, 70.0)), np.full(63, 0.1))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, velocity))
 
     assert "at rest for 20 s" in text or "at rest for 19 s" in text
 
