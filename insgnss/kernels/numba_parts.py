@@ -126,11 +126,11 @@ class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + hashlib.sha256(content).digest())
 
 
-def _unsealed(path: str) -> bytes | None:
+def _unsealed(path: str) -> memoryview | None:
     """Return the content of a cache file before its hash; None where it is absent, damaged or another user's."""
     try:
         with open(path, "rb") as file:
-            sealed = file.read() if is_trusted(os.fstat(file.fileno())) else b""
+            sealed = memoryview(file.read() if is_trusted(os.fstat(file.fileno())) else b"")
     except OSError:
         return None
     content = sealed[:-_SEAL_BYTES]
