@@ -329,11 +329,12 @@ class FlightConfig(StrictModel):
         return self
 
     def columns_by_file(self) -> dict[Path, tuple[str, ...]]:
-        """Return the columns that inertial log, sensors and reference read from each file: several may share one."""
+        """Return the columns that the logs read from each file: several may share one."""
         tables: list[tuple[LogColumns, tuple[Path, ...]]] = [
             (sensor.columns, sensor.files) for sensor in self.sensor
         ]
         tables += [] if self.imu is None else [(self.imu.columns, self.imu.every_file)]
+        tables += [(self.gnss.columns, self.gnss.files)]
         tables += [] if self.reference is None else [(self.reference.columns, (self.reference.file,))]
         found: dict[Path, tuple[str, ...]] = {}
         for columns, files in tables:

@@ -20,7 +20,8 @@ QUIET: Final = frozenset(
     "start heading_single heading_known measurements_back masking_on masking_waits masking_uncertain csv_delimiter "
     "csv_encoding csv_header_in_comment csv_lines_skipped leap_seconds_by_date navigation_not_used navigation_repeated "
     "signal_assumed columns_not_read reference_rows_left_out time_mark week_crossover imu_increment_over_long_step "
-    "midnight_crossover ubx_foreign_bytes ubx_not_used android_lines_not_read rinex_event".split()
+    "midnight_crossover ubx_foreign_bytes ubx_not_used android_lines_not_read rinex_event "
+    "rows_of_other_logs".split()
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
 _KINDS_TOLD: Final = 8

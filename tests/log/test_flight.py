@@ -72,6 +72,46 @@ def test_inertial_log_reference_and_sensor_may_share_a_file(folder: Path) -> Non
     assert told["columns_not_read"].endswith("further columns: temperature")
 
 
+@pytest.mark.parametrize("empty", ["", "nan"])
+def test_rows_of_several_logs_may_alternate_in_a_file(folder: Path, empty: str) -> None:
+    """As a recorder writes them that has a column for each value of each sensor."""
+    apart = read(folder)
+    (header, *inertial), (names, *observed) = (
+        (folder / name).read_text().splitlines() for name in ("imu.csv", "gnss.csv")
+    )
+    imu_cells, gnss_cells = (text.count(",") for text in (header, names))
+    rows = [f"{row},{','.join([empty] * gnss_cells)},,," for row in inertial]
+    for k, row in enumerate(observed):
+        time, cells = row.split(",", 1)
+        rows.insert(20 * k, f"{time},{','.join([empty] * imu_cells)},{cells},,,")
+    rows[1::50] = [f"{row[:-3]},45,7,300" for row in rows[1::50]]
+    columns = f"{header},{names.split(',', 1)[1]},lat_deg,lon_deg,h_m"
+    (folder / "both.csv").write_text("\n".join([columns, *rows]) + "\n")
+    (folder / "flight.toml").write_text(
+        FLIGHT.replace("imu.csv", "both.csv").replace("gnss.csv", "both.csv")
+        + '[reference]\nfile = "both.csv"\n'
+    )
+
+    logs = Flight.load(folder / "flight.toml").read()
+
+    np.testing.assert_array_equal(logs.imu.t_ns, apart.imu.t_ns)
+    np.testing.assert_array_equal(logs.imu.f_b, apart.imu.f_b)
+    np.testing.assert_array_equal(logs.gnss.t_ns, apart.gnss.t_ns)
+    np.testing.assert_array_equal(logs.gnss.pseudorange_m, apart.gnss.pseudorange_m)
+    assert logs.reference is not None and len(logs.reference.t_ns) == 42
+    told = [event.detail for event in logs.events if event.kind == "rows_of_other_logs"]
+    assert {event.kind for event in logs.events} == {"rows_of_other_logs", "columns_not_read"}
+    assert any("80 of 2080 rows left out: nothing in 'gyro_x'" in detail for detail in told)
+
+
+def test_rows_without_a_value_in_a_file_of_one_log_are_bad_rows(folder: Path) -> None:
+    header, *rows = (folder / "imu.csv").read_text().splitlines()
+    rows[100] = rows[100].split(",")[0] + "," * 6
+    (folder / "imu.csv").write_text("\n".join([header, *rows]) + "\n")
+
+    assert [event.kind for event in read(folder).events] == ["bad_row"]
+
+
 def test_flight_file_may_be_named_relative_to_the_working_folder(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,6 +52,7 @@ NOTICES: Final = frozenset(
         "navigation_repeated",
         "reference_rows_left_out",
         "rinex_event",
+        "rows_of_other_logs",
         "satellite_states_beside",
         "sbf_not_used",
         "sensor_samples_not_used",

@@ -26,13 +26,15 @@ NOTHING_SHARED: Final[FileColumns] = MappingProxyType({})
 class ColumnSelection:
     """Which columns of a file are read, and how strictly.
 
-    A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. An ``optional`` column may be absent,
-    its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in ``bad_cells``.
-    ``exact`` columns are returned as integers in units of 10^-digits, ``calendar`` ones as GPS time [ns] under the name
-    of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal`` is the mark before the
-    decimals of all numbers. The numbers of columns named ``together`` lie side by side in memory where the file has all
-    of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional. What is
-    read ``elsewhere``, by another log of the flight in the same file, is not reported as unread.
+    A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. A row without any of the ``measured``
+    cells, but with one in a column that is not read, is another log's, and left out. An ``optional`` column may be
+    absent, its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in
+    ``bad_cells``. ``exact`` columns are returned as integers in units of 10^-digits, ``calendar`` ones as GPS time
+    [ns] under the name of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal``
+    is the mark before the decimals of all numbers. The numbers of columns named ``together`` lie side by side in
+    memory where the file has all of them. What is ``chosen``, named by the user and not by default, must exist even
+    where it is optional. What is read ``elsewhere``, by another log of the flight in the same file, is not reported
+    as unread.
     """
 
     numeric: Sequence[str] = ()
@@ -43,6 +45,7 @@ class ColumnSelection:
     together: Sequence[str] = ()
     chosen: Sequence[str] = ()
     elsewhere: Sequence[str] = ()
+    measured: Sequence[str] = ()
     calendar: Calendar | None = None
     decimal: str = "."
 

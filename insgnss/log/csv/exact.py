@@ -92,8 +92,15 @@ def read_exact(
     data = _utf8(buffer)
     cut = last_line_is_cut(memoryview(data), dialect.delimiter)
     rows, lines, complaints = _split_lines(data, dialect, cut)
+    measured = {name: places[name] for name in wanted.measured if name in places}
+    own = _rows_of_this_log(rows, set(measured.values()), set(places.values()))
+    total, rows, lines = len(lines), rows.filter(pa.array(own)), lines[own]
     strings = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
     reader = _ColumnReader(path, dialect, lines, complaints, wanted.decimal)
+    if len(lines) < total:
+        names = "', '".join(measured)
+        detail = f"{path}: {total - len(lines)} of {total} rows left out: nothing in '{names}', but in columns of other logs"
+        reader.rows.events.append(Event(None, "rows_of_other_logs", detail))
     if wanted.calendar is not None:
         reader.read_dates(wanted.calendar, [strings[name] for name in wanted.dates])
     for name, digits in wanted.exact.items():
@@ -106,6 +113,35 @@ def read_exact(
     reader.check_share()
     words = {name: strings[name] for name in (*wanted.text, *wanted.optional_text) if name in places}
     return reader.result(words)
+
+
+def _rows_of_this_log(rows: pa.Array, measured: set[int], read: set[int]) -> Bool:
+    """Return which rows are of this log; all are where none has a cell in the columns ``measured``.
+
+    A recorder that writes several sensors into one file leaves the cells of the others empty. A row that is also
+    empty in the columns that are not ``read`` lacks its own measurement.
+    """
+    others = set(range(len(rows[0]) if len(rows) else 0)) - read
+    if not measured or not others:
+        return np.ones(len(rows), np.bool_)
+    own = _filled(rows, measured)
+    empty = np.flatnonzero(~own)
+    if len(empty):
+        own[empty] = ~_filled(rows.take(pa.array(empty)), others)
+    return own if own.any() else ~own
+
+
+def _filled(rows: pa.Array, columns: set[int]) -> Bool:
+    """Return which rows have a cell in one of the columns."""
+    filled = np.zeros(len(rows), np.bool_)
+    for k in columns:
+        filled |= ~_is_empty(pc.utf8_trim_whitespace(pc.list_element(rows, k)))
+    return filled
+
+
+def _is_empty(cells: pa.Array) -> Bool:
+    empty: Bool = pc.is_in(cells, value_set=pa.array(EMPTY_CELLS, cells.type)).to_numpy(zero_copy_only=False)
+    return empty
 
 
 class _ColumnReader:
@@ -148,7 +184,7 @@ class _ColumnReader:
 
     def read_optional(self, name: str, cells: pa.Array) -> None:
         self.rows.columns[name], readable = floats(cells, self.decimal)
-        empty = pc.is_in(cells, value_set=pa.array(EMPTY_CELLS, cells.type)).to_numpy(zero_copy_only=False)
+        empty = _is_empty(cells)
         self.unreadable[name] = ~(readable | empty)
         bad = np.flatnonzero(self.unreadable[name])
         self._refuse_foreign_numbers(name, cells, bad, int((~empty).sum()))

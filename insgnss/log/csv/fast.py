@@ -107,6 +107,8 @@ class _Parser:
 
     def _values(self, name: str, cells: pa.Array) -> Any:
         if isinstance(cells, pa.DictionaryArray):
+            if name in self.wanted.text and not set(EMPTY_CELLS).isdisjoint(cells.dictionary.to_pylist()):
+                raise _NotPlainError  # a row of another log, perhaps
             return cells
         optional = name in self.wanted.optional
         if cells.null_count and not optional:

@@ -41,7 +41,9 @@ def is_exact(scale: TimeScale) -> bool:
 def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
     """Return ``wanted`` with the columns of time added in the way their scale needs, and the decimal mark."""
     names, scale = log.columns, log.time
-    wanted = replace(wanted, decimal=log.decimal)
+    needed = (*wanted.numeric, *wanted.text)
+    measured = (*needed, *wanted.optional, *wanted.optional_text) if needed else ()
+    wanted = replace(wanted, decimal=log.decimal, measured=measured)
     if scale.origin == "calendar":
         declared = scale.model_fields_set
         calendar = Calendar(
