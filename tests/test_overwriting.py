@@ -141,6 +141,7 @@ def test_place_that_cannot_be_written_stops_a_command_before_it_begins(
     ("command", "name"),
     [
         (("receiver",), "receiver_settings.json"),
+        (("simulate", "at_rest"), "flight.toml"),
         (("iq", "at_rest"), "searches.csv"),
         (("iq", "at_rest", "--record"), "samples.bin"),
         (("margin", "--simulate"), "margin_thresholds.png"),

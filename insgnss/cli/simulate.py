@@ -33,8 +33,10 @@ def simulate(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [Path(scenario)], output):
         # NumPy and SciPy are loaded only when there is something to simulate
+        from insgnss.runs.simulate import check_output
         from insgnss.runs.simulate import simulate as simulated
 
+        check_output(scenario, output)
         with telling("simulating") as tell:
             made = simulated(scenario, seed, noise=not clean, duration_s=duration, progress=tell)
             tell("writing")

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.yuma import read_yuma
-from insgnss.results.saving import saving, writing
+from insgnss.results.saving import check_replaceable, saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.runs.first_run import compiled
 from insgnss.simulation.assembly import Inputs, assemble, missing_messages
@@ -50,6 +51,8 @@ from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
 from insgnss.tables import ReferenceTable
 
+_KIND: Final = "simulation"  # what the files are together
+
 
 @dataclass(frozen=True, repr=False)
 class Simulation(ResultDisplay):
@@ -76,19 +79,13 @@ class Simulation(ResultDisplay):
         folder = Path(folder)
         with writing("the logs", folder):
             copied = antenna_files(self.config, self.folder, folder)
-            names = [path.name for path in (*self._paths(folder), *copied)]
-            with saving(folder, names, "simulation") as new:
-                self._write(self._paths(new))
+            logs = _log_names(self.config)
+            names = [*logs, *(path.name for path in copied)]
+            with saving(folder, names, _KIND) as new:
+                self._write([new / name for name in logs])
                 for path in copied:
                     shutil.copyfile(path, new / path.name)
         return [folder / name for name in names]
-
-    def _paths(self, folder: Path) -> list[Path]:
-        """Return the files of the logs, those of further antennas and sensors last."""
-        further = () if self.config.attitude is None else self.config.attitude.antenna
-        names = (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
-        sensors = (sensor_file_name(sensor.label) for sensor in self.config.sensor)
-        return [folder / name for name in (*names, *(antenna_file_name(a.name) for a in further), *sensors)]
 
     def _write(self, paths: list[Path]) -> None:
         week, imu = self.config.gps_week, self.config.imu
@@ -133,8 +130,7 @@ def simulate(
     ConfigError, ModelError : the file is wrong: unknown key or manoeuvre, impossible turn, negative noise; with line
     InputError or a subclass : a file that the scenario names is missing or wrong
     """
-    path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
-    config = load_toml(path, SimulationConfig)
+    path, config = _load(scenario)
     if seed < 0:
         raise ConfigError(f"invalid seed {seed}", key="seed", advice="give a whole number, 0 or above")
     if duration_s is not None and not duration_s > 0.0:
@@ -158,6 +154,32 @@ def simulate(
         raise error from None
     log = Simulator(made).draw(np.random.default_rng(seed) if noise else None)
     return Simulation(config, folder, made, log)
+
+
+def check_output(scenario: str | Path, folder: Path) -> None:
+    """Refuse a folder in which a file of another program has the name of one that ``Simulation.save`` writes.
+
+    Raises
+    ------
+    ResultError : there is such a file, or nothing can be written there
+    ConfigError, ModelError : the scenario's file is wrong
+    """
+    path, config = _load(scenario)
+    copied = antenna_files(config, path.absolute().parent, folder)
+    check_replaceable(folder, [*_log_names(config), *(file.name for file in copied)], _KIND)
+
+
+def _load(scenario: str | Path) -> tuple[Path, SimulationConfig]:
+    path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
+    return path, load_toml(path, SimulationConfig)
+
+
+def _log_names(config: SimulationConfig) -> list[str]:
+    """Return the names of the files, those of further antennas and sensors last."""
+    further = () if config.attitude is None else config.attitude.antenna
+    names = (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
+    sensors = (sensor_file_name(sensor.label) for sensor in config.sensor)
+    return [*names, *(antenna_file_name(a.name) for a in further), *sensors]
 
 
 def _in_library(name: str) -> Path:
