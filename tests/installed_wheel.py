@@ -29,7 +29,6 @@ NOT_WANTED = (
     "novatel_edie",
     "pytest",
     "pyulog",
-    "xarray",
 )
 
 
@@ -80,6 +79,7 @@ def run_commands(program: Path, folder: Path, **environment: str) -> dict[str, s
         "simulate": ["simulate", "turning_flight", "--duration", str(FLIGHT_S), "--output", "flight"],
         "check": ["check", "flight/flight.toml"],
         "replay": ["replay", "flight/flight.toml", "--output", "run", "--report", "page.html", "--json"],
+        "export": ["export", "run", "--output", "run.nc"],
     }
     printed = {}
     for name, options in commands.items():

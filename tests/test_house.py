@@ -292,7 +292,7 @@ def test_every_imported_library_is_declared() -> None:
     # the pictures' library is optional, and one room alone may load it: see the contracts; so is that of campaigns
     optional = project["optional-dependencies"]
     named = sum(
-        (optional[extra] for extra in ("plots", "campaign", "netcdf", "mcap", "novatel", "ulog")),
+        (optional[extra] for extra in ("campaign", "mcap", "novatel", "ulog")),
         project["dependencies"],
     )
     declared = {re.split(r"[<>=!~ ]", name)[0] for name in named}

@@ -35,7 +35,7 @@ def export(
 
     Maps: kml, kmz, gpx (UTC, height above mean sea level), geojson (height above the ellipsoid).
 
-    Tables: csv (UTC, both heights), mat (MATLAB), nc (NetCDF; needs xarray).
+    Tables: csv (UTC, both heights), mat (MATLAB), nc (NetCDF).
 
     GNSS tools: pos (RTKLIB), nmea (GGA, RMC, VTG, HDT, GST).
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from insgnss.errors import ResultError
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.report.sentences import name_of
@@ -50,7 +49,7 @@ def as_netcdf(run: Run) -> bytes:
 
     Raises
     ------
-    ResultError : xarray is not installed, or the run does not say its GPS week
+    ResultError : the run does not say its GPS week
     """
     dataset = as_dataset(run)
     day = np.datetime_as_string(dataset["time"].to_numpy()[0], unit="D")
@@ -63,14 +62,10 @@ def as_dataset(run: Run) -> xr.Dataset:
 
     Raises
     ------
-    ResultError : xarray is not installed, or the run does not say its GPS week
+    ResultError : the run does not say its GPS week
     """
-    try:
-        import xarray
-    except ImportError as error:
-        raise ResultError(
-            "NetCDF needs xarray, which is not installed", advice="pip install 'insgnss[netcdf]'"
-        ) from error
+    import xarray
+
     week, nav = gps_week(run), run.nav_with(sea_level=True, heading=True)
     variables = {str(name): ("time", column.to_numpy(), _about(str(name))) for name, column in nav.items()}
     times = utc_dates(nav["time_s"].to_numpy(), week)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime as dt
 import shutil
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ import pytest
 import xarray as xr
 from scipy.io import loadmat
 
-from insgnss.errors import ResultError
 from insgnss.report.export import export_run
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml
@@ -324,13 +322,6 @@ def test_netcdf_has_utc_units_and_the_conventions_attributes(tmp_path: Path) -> 
         assert {"lat_deg", "lon_deg", "h_m", "time"} <= set(read.coords)
         assert read.attrs["Conventions"].startswith("CF-") and read.attrs["gps_week"] == 2385
         assert read["trajectory"].item().startswith("made")
-
-
-def test_netcdf_without_xarray_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-
-    with pytest.raises(ResultError, match=r"pip install 'insgnss\[netcdf\]'"):
-        export_run(made_run(), tmp_path / "run.nc")
 
 
 # --------------------------------------------------------------------------------------------- CSV, GPX, KML

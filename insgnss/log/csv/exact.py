@@ -99,7 +99,8 @@ def read_exact(
     reader = _ColumnReader(path, dialect, lines, complaints, wanted.decimal)
     if len(lines) < total:
         names = "', '".join(measured)
-        detail = f"{path}: {total - len(lines)} of {total} rows left out: nothing in '{names}', but in columns of other logs"
+        left_out = f"{total - len(lines)} of {total} rows left out"
+        detail = f"{path}: {left_out}: nothing in '{names}', but in columns of other logs"
         reader.rows.events.append(Event(None, "rows_of_other_logs", detail))
     if wanted.calendar is not None:
         reader.read_dates(wanted.calendar, [strings[name] for name in wanted.dates])
