@@ -166,6 +166,6 @@ def _looks_like(data: bytes) -> str:
             "this is a binary file of no known kind, or a damaged one: convert it to RINEX with the program of the"
             " receiver's maker"
         )
-    if data[:1] == b"#" or b"," in data[:200]:
+    if data[:1] == b"#" or any(mark in data[:200] for mark in (b",", b";", b"\t")):
         return "this looks like CSV: name it in a flight file with its columns instead"
     return "it has no header of a known format"

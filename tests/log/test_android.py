@@ -501,6 +501,12 @@ def test_lines_with_a_wrong_number_of_cells_and_other_kinds_are_told(tmp_path: P
     assert "1 Agc, 1 Nav" in log.events[1].detail
 
 
+def test_table_whose_columns_were_renamed_is_an_error_that_names_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no column ReceivedSvTimeNanos") as error:
+        read(tmp_path, epoch(T, SKY.values()), header=HEADER.replace("ReceivedSvTimeNanos,", "tTxNanos,"))
+    assert "Raw measurements" not in str(error.value.advice)
+
+
 @pytest.mark.parametrize("text", ["", "# Raw,a,b\nRaw,1,2\n", HEADER, "Raw,1,2,3\n", HEADER + "Raw,,,\n"])
 def test_file_without_raw_measurements_is_a_typed_error(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError):

@@ -61,6 +61,7 @@ def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format
         (b"\xd3\x00\x13\x3e", "RTCM"),
         (b"time_s,sv\n1,G05\n", "CSV"),
         (b"time_s,sv\n1,G05\n" * 10 + b"\x00", "CSV"),
+        (b"Time [s];Satellite\n1;5\n", "CSV"),
         (b"just words", "no header of a known format"),
         ("time_s,sv\n1,G05\n".encode("utf-16"), "UTF-16.*save it in UTF-8"),
         (b"\x00" * 50, "binary file of no known kind"),

@@ -17,6 +17,11 @@ from insgnss.tables import Event
 
 # Forward, right, down of a phone that lies flat, its top ahead: its axes are x right, y to the top, z out of the screen
 _FLAT: Final = ("+y", "+x", "-z")
+_NEEDED: Final = (
+    "FullBiasNanos",
+    "Svid",
+    "ReceivedSvTimeNanos",
+)  # without them no pseudorange can be computed
 
 
 def read_android(path: Path) -> ReceiverLog:
@@ -35,11 +40,18 @@ def read_android(path: Path) -> ReceiverLog:
     """
     kinds = lines_by_kind(file_text(path))
     lines = kinds.get("Raw", AndroidLines())
-    if lines.texts and "timenanos" not in map(str.lower, lines.columns):
+    columns = set(map(str.lower, lines.columns))
+    if lines.texts and "timenanos" not in columns:
         raise InputError(
             "the raw measurements have no header: the line '# Raw,...,TimeNanos,...' is missing",
             file=path,
             advice="keep the comment lines of the log",
+        )
+    if lines.texts and (missing := [name for name in _NEEDED if name.lower() not in columns]):
+        raise InputError(
+            f"the raw measurements have no column {', '.join(missing)}",
+            file=path,
+            advice="convert the log as the phone wrote it; a table made of it keeps the names of its columns",
         )
     raw = cells(lines)
     gnss, receiver, events = measurements(raw)
@@ -48,11 +60,14 @@ def read_android(path: Path) -> ReceiverLog:
     clock = PhoneClock(raw, receiver, found)
     imu, more_events = inertial(kinds, clock)
     if not len(gnss.t_ns) and imu is None:
-        why = "; ".join(event.detail for event in events + more_events)
+        told = [event for event in events + more_events if event.kind != "receiver_clock_discontinuity"]
+        why = "; ".join(event.detail for event in told)
         raise InputError(
             f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
             file=path,
-            advice="switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger",
+            advice="convert the log as the phone wrote it"
+            if lines.texts
+            else "switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger",
         )
     samples, of_samples = further(kinds, clock)
     more_events += of_samples
