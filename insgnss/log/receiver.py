@@ -34,6 +34,8 @@ class ReceiverLog:
     solution_from: SolutionFrom = "satellites"
     fixes: ReferenceTable | None = None  # of satellites alone, beside a solution that is another's
     further: tuple[FurtherSamples, ...] = ()  # one of a kind at most
+    # ECEF, where an RTCM stream states the place of its antenna
+    station_m: tuple[float, float, float] | None = None
 
     def satellite_fixes(self) -> ReferenceTable | None:
         """Return the receiver's fixes from satellites alone, which may take the place of measurements."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pyrtcm
 import pytest
 from hypothesis import given, settings
@@ -20,6 +22,7 @@ from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.rtcm.reader import read_rtcm
 from tests.log.rtcm_encoder import (
@@ -36,12 +39,14 @@ from tests.log.rtcm_encoder import (
 )
 from tests.log.test_convert import read_again, same
 from tests.log.test_fuzz_receivers import CUT, FLIPS, check_table, turned
+from tests.log.ubx_writing import frame
 
 C_MPS = 299_792_458.0
 WEEK, TOW_S = 2392, 381_845
 T0_NS = (WEEK * 604_800 + TOW_S) * 10**9
 L1, L2 = 1575.42e6, 1227.6e6
 LEAP_S = 18
+STATION_M = (-3869297.5138, 3436571.3345, 3717369.3757)  # ECEF
 
 
 def gps_cells(k: int = 0) -> list[Cell]:
@@ -53,7 +58,7 @@ def gps_cells(k: int = 0) -> list[Cell]:
 
 
 def small_stream() -> bytes:
-    parts = [station(7, -3869297.5138, 3436571.3345, 3717369.3757)]
+    parts = [station(7, *STATION_M)]
     for k in range(4):
         tow_ms = (TOW_S + k) * 1000
         day_ms = (tow_ms - LEAP_S * 1000 + 3 * 3_600_000) % 86_400_000
@@ -255,6 +260,56 @@ def test_converted_stream_reads_again_the_same(tmp_path: Path) -> None:
     same(done.log.gnss, table)
     assert read_navigation(flight.config.gnss.navigation)[0].ephemerides.sv_names == ("C20", "E11", "G05")
     assert Flight.load(tmp_path / "out" / "flight.toml").config.gps_week == WEEK
+
+
+def own_fixes(at: tuple[float, float, float]) -> bytes:
+    """Return four NAV-PVT frames of a u-blox receiver at a place (ECEF, m) and the times of ``STREAM``."""
+    lat, lon, h_m = pymap3d.ecef2geodetic(*at)
+    frames = []
+    for k in range(4):
+        body = bytearray(92)
+        body[4:12] = struct.pack("<HBBxxxB", 2025, 11, 13, 7)
+        body[0:4] = struct.pack("<I", (TOW_S + k) * 1000)
+        body[20:22] = bytes((3, 1))
+        body[24:40] = struct.pack("<iiii", round(lon * 1e7), round(lat * 1e7), round(h_m * 1e3), 0)
+        body[40:48] = struct.pack("<II", 1500, 2500)
+        frames.append(frame(0x0107, bytes(body)))
+    return b"".join(frames)
+
+
+def test_measurements_that_a_receiver_sends_as_rtcm_beside_its_own_fixes_are_read(tmp_path: Path) -> None:
+    """A base station's receiver: NAV-PVT, and its measurements as RTCM alone."""
+    path = tmp_path / "base.ubx"
+    path.write_bytes(own_fixes(STATION_M) + STREAM)
+    assert detect_format(path) == "ubx"
+
+    log = read_receiver("ubx", [path], LogDeclarations())
+
+    same(read(tmp_path, STREAM).gnss, log.gnss)
+    assert log.navigation is not None and log.solution is not None and len(log.solution.t_ns) == 4
+    assert "rtcm_read" in [event.kind for event in log.events]
+
+
+def test_corrections_of_a_distant_base_are_no_measurements_of_the_receiver(tmp_path: Path) -> None:
+    path = tmp_path / "rover.ubx"
+    path.write_bytes(own_fixes((STATION_M[0], STATION_M[1] + 2000.0, STATION_M[2])) + STREAM)
+
+    log = read_receiver("ubx", [path], LogDeclarations())
+
+    assert not len(log.gnss.t_ns) and log.solution is not None
+    told = [event.detail for event in log.events if event.kind == "rtcm_of_base"]
+    assert len(told) == 1 and "station 2 km away, a base: not read" in told[0]
+
+
+def test_rtcm_among_messages_without_a_fix_needs_a_date(tmp_path: Path) -> None:
+    path = tmp_path / "log.ubx"
+    path.write_bytes(frame(0x0501, b"\x06\x8a") + msm("G", 7, TOW_S * 1000, gps_cells()))
+
+    with pytest.raises(TimeError, match="does not say its date"):
+        read_receiver("ubx", [path], LogDeclarations())
+    dated = read_receiver("ubx", [path], LogDeclarations(date=dt.date(2025, 11, 13)))
+
+    assert len(dated.gnss.t_ns) == 3 and dated.gnss.t_ns[0] == T0_NS
 
 
 def test_date_is_an_option_of_the_command(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime as dt
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> Rece
     log = _tables(messages, known, file)
     known.agree(int(log.gnss.t_ns[0]), file)
     events = [*_damage(stream.diagnostics, len(data), file), *known.events(file), *log.events]
-    return ReceiverLog(log.gnss, log.navigation, None, events)
+    return replace(log, events=events)
 
 
 def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
@@ -96,14 +97,16 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
             advice="; ".join(_details(events)),
         )
     gnss, reordered = in_time_order(gnss, file)
-    events += [*reordered, *_stations(messages, file)]
+    stations = _stations(messages)
+    events += [*reordered, *_station_events(stations, file)]
     events += [
         Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
         for reason, count in found.refused.items()
     ]
     if listed := _not_used(messages):
         events.append(Event(None, "rtcm_not_used", f"{file}: messages not read: {listed}"))
-    return ReceiverLog(gnss, found.navigation(), None, events)
+    place = next(iter(stations.values()))[:3] if len(stations) == 1 else None
+    return ReceiverLog(gnss, found.navigation(), None, events, station_m=place)
 
 
 def _details(events: list[Event]) -> list[str]:
@@ -140,13 +143,18 @@ def _damage(found: Any, size: int, file: str) -> list[Event]:
     return events
 
 
-def _stations(messages: list[Any], file: str) -> list[Event]:
-    """Return an event for each place that the stream states of its antenna: what a base's flight entry needs."""
+def _stations(messages: list[Any]) -> dict[int, tuple[float, float, float, float]]:
+    """Return the places that the stream states of its antennas, ECEF and height above the marker, by station."""
     places = {}
     for message in messages:
         if (place := message.station_coordinates) is not None:
             height_m = (place.antenna_height_m() or 0.0) if callable(place.antenna_height_m) else 0.0
             places[place.reference_station_id] = (*_metres(place), height_m)
+    return places
+
+
+def _station_events(places: dict[int, tuple[float, float, float, float]], file: str) -> list[Event]:
+    """Return an event for each station: what a base's flight entry needs."""
     return [
         Event(
             None,
