@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -279,6 +280,27 @@ def test_columns_in_any_order_case_and_number_are_found(tmp_path: Path) -> None:
     assert found.pseudorange_m.tolist() == pytest.approx([70_123_456 * C_MPS / 1e9], abs=1e-6)
 
 
+@pytest.mark.parametrize(("digits", "most_ns"), [(14, 5000), (17, 300)])
+def test_bias_that_a_spreadsheet_has_cut_moves_the_receiver_clock_alone(
+    tmp_path: Path, digits: int, most_ns: float
+) -> None:
+    """All pseudoranges of a stretch are off by the same, which is the clock's offset."""
+    text = epoch(T, SKY.values()) + epoch(T + 10**9, SKY.values())
+    whole = read(tmp_path, text)
+    biases = {cell for cell in re.split(r"[,\n]", text) if re.fullmatch(r"-1\d{18}", cell)}
+    assert biases
+    for bias in biases:
+        text = text.replace(bias, f"{float(bias):.{digits}E}".replace("E+", "E+0"))
+
+    log = read(tmp_path, text)
+
+    assert [event.kind for event in log.events] == ["android_bias_cut"]
+    off_m = log.gnss.pseudorange_m - whole.gnss.pseudorange_m
+    assert len(log.gnss.t_ns) == len(whole.gnss.t_ns) and np.isfinite(off_m).all()
+    assert np.ptp(off_m) < 1e-6 and np.abs(off_m).max() < most_ns * 1e-9 * C_MPS
+    assert np.abs(log.gnss.t_ns - whole.gnss.t_ns).max() <= most_ns
+
+
 @pytest.mark.parametrize(("extra", "events"), [(",", []), (",1,2,3", [])])
 def test_cells_without_a_name_at_the_end_are_passed_over(
     tmp_path: Path, extra: str, events: list[str]
@@ -286,6 +308,12 @@ def test_cells_without_a_name_at_the_end_are_passed_over(
     lines = [line + extra for line in epoch(T, SKY.values()).splitlines()]
     log = read(tmp_path, "\n".join(lines) + "\n")
     assert len(log.gnss.t_ns) == len(SKY) and [e.kind for e in log.events] == events
+
+
+def test_header_whose_comment_mark_was_taken_off_names_the_columns(tmp_path: Path) -> None:
+    text = epoch(T, SKY.values())
+    found = read(tmp_path, text, header=HEADER.replace("# Raw,", "Raw,"))
+    assert len(found.gnss.t_ns) == len(SKY) and found.events == read(tmp_path, text).events
 
 
 def test_last_columns_that_the_rows_lack_are_absent(tmp_path: Path) -> None:

@@ -43,7 +43,9 @@ class ReceiverClock:
 def receiver_clock(raw: AndroidCells) -> ReceiverClock:
     """Return the GPS time of the "Raw" lines."""
     time_ns, timed = raw.integers("TimeNanos")
-    full_ns, biased = raw.integers("FullBiasNanos")
+    _, biased = raw.integers("FullBiasNanos")
+    full_ns, cut = raw.rounded("FullBiasNanos")
+    biased |= cut
     fraction_ns = np.nan_to_num(raw.decimals("BiasNanos"))
     biased &= timed & (full_ns != 0) & (np.abs(fraction_ns) < NS_PER_S)
     bias_ns = full_ns + np.rint(np.where(biased, fraction_ns, 0.0)).astype(np.int64)
@@ -57,7 +59,14 @@ def receiver_clock(raw: AndroidCells) -> ReceiverClock:
     t_ns = time_ns - bias_ns[np.maximum(first[stretch], 0)]
     known &= (t_ns > _EARLIEST_NS) & (t_ns < _LATEST_NS)
     t_ns = np.where(known, t_ns, 0)
-    return ReceiverClock(t_ns, known, stretch, _discontinuities(stretch, known, t_ns, count))
+    events = _discontinuities(stretch, known, t_ns, count)
+    if (cut & known).any():
+        detail = (
+            f"{int((cut & known).sum())} measurement(s) whose FullBiasNanos has lost its last digits: the receiver"
+            " clock may be off by 5 microseconds, and jump by as much where the phone sets its clock"
+        )
+        events.append(Event(None, "android_bias_cut", detail))
+    return ReceiverClock(t_ns, known, stretch, events)
 
 
 def _stretches(count: Int64, timed: Bool, bias_ns: Int64, certain: Bool) -> Int64:

@@ -25,6 +25,9 @@ from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
 from insgnss.tables import Bool, Event, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
+_NAMES_IN_IT: Final = re.compile(
+    r"[,\s](TimeNanos|utcTimeMillis)\b"
+)  # where the mark of its comment was taken off
 _TABLE_HEADER: Final = "MessageType,"
 # The first line of a table of "Raw" lines alone
 RAW_TABLE: Final = re.compile(
@@ -35,6 +38,8 @@ _INTEGER: Final = r"^-?\d{1,18}$|^-?[1-8]\d{18}$"
 _WHOLE: Final = r"^(-?\d{1,18})\.0*$"  # as a table writes integers beside empty cells
 _SCIENTIFIC: Final = r"^-?\d\.?\d*[eE]\+?\d{1,2}$"
 _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
+_LEAST_DIGITS: Final = 15  # what a spreadsheet keeps; of nanoseconds since 1980 the rest is 5 microseconds
+_DIGITS_OF_A_TIME: Final = 18  # behind the first, of nanoseconds since 1980
 
 
 @dataclass
@@ -68,6 +73,9 @@ def lines_by_kind(text: str) -> dict[str, AndroidLines]:
             if not comma or not _KIND.fullmatch(kind):
                 continue
             of_kind = kinds[kind] = AndroidLines()
+            if _NAMES_IN_IT.search(line):
+                of_kind.columns = _names(rest)
+                continue
         of_kind.texts.append(line)
     for of_kind in kinds.values():
         of_kind.columns = of_kind.columns or of_all
@@ -95,6 +103,19 @@ class AndroidCells:
     def integers(self, name: str) -> tuple[Int64, Bool]:
         """Return a column as integers, exact to the last digit, and where there is one; zero elsewhere."""
         return self._numbers(name, _INTEGER, pa.int64(), 0)
+
+    def rounded(self, name: str) -> tuple[Int64, Bool]:
+        """Return a column as ``integers`` does, and from cells that a table has cut to 15 digits or more; and those."""
+        values, present = self.integers(name)
+        if present.all() or not self.has(name):
+            return values, np.zeros(self.n, np.bool_)
+        values, cut = values.copy(), ~present
+        texts = self.texts(name)
+        numbers = {text: _cut_number(text.strip()) for text in {texts[k] for k in np.flatnonzero(cut)}}
+        for k in np.flatnonzero(cut):
+            number = numbers[texts[k]]
+            cut[k], values[k] = number is not None, number or 0
+        return values, cut
 
     def decimals(self, name: str) -> Float64:
         """Return a column as floats, NaN where the cell is empty or no number."""
@@ -129,6 +150,16 @@ class AndroidCells:
             self._parsed[key] = (pc.cast(chosen, kind).to_numpy(), readable.to_numpy(zero_copy_only=False))
         values, present = self._parsed[key]
         return values, present.copy()  # the caller narrows it down
+
+
+def _cut_number(text: str) -> int | None:
+    """Return an integer that is written in scientific notation or with decimals, None where it has lost too much."""
+    if re.fullmatch(_DECIMAL, text, re.ASCII) is None:
+        return None
+    number = Decimal(text)
+    if len(number.as_tuple().digits) < _LEAST_DIGITS or number.adjusted() > _DIGITS_OF_A_TIME:
+        return None
+    return int(number)
 
 
 def _written_out(cells: Any) -> Any:
