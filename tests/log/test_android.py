@@ -128,6 +128,10 @@ def test_line_that_is_no_row_is_told_with_its_reason(tmp_path: Path, sat: Sat, w
             "-1.4e+18",
             "1 measurement(s) left out whose TimeNanos or FullBiasNanos is not written as a whole number",
         ),
+        (
+            "-9.99999999999999E+18",
+            "1 measurement(s) left out whose TimeNanos or FullBiasNanos is not written as a whole number",
+        ),
         (str(-BOOT_FULL_BIAS_NS), "1 measurement(s) left out whose FullBiasNanos is positive"),
         ("0", "1 measurement(s) before the receiver knew GPS time left out"),
     ],

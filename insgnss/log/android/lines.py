@@ -39,7 +39,7 @@ _WHOLE: Final = r"^(-?\d{1,18})\.0*$"  # as a table writes integers beside empty
 _SCIENTIFIC: Final = r"^-?\d\.?\d*[eE]\+?\d{1,2}$"
 _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
 _LEAST_DIGITS: Final = 15  # what a spreadsheet keeps; of nanoseconds since 1980 the rest is 5 microseconds
-_DIGITS_OF_A_TIME: Final = 18  # behind the first, of nanoseconds since 1980
+_BEYOND_INT64: Final = 9 * 10**18
 
 
 @dataclass
@@ -157,7 +157,7 @@ def _cut_number(text: str) -> int | None:
     if re.fullmatch(_DECIMAL, text, re.ASCII) is None:
         return None
     number = Decimal(text)
-    if len(number.as_tuple().digits) < _LEAST_DIGITS or number.adjusted() > _DIGITS_OF_A_TIME:
+    if len(number.as_tuple().digits) < _LEAST_DIGITS or abs(number) >= _BEYOND_INT64:
         return None
     return int(number)
 
