@@ -125,19 +125,23 @@ def _rows_of_this_log(rows: pa.Array, measured: set[int], read: set[int]) -> Boo
     others = set(range(len(rows[0]) if len(rows) else 0)) - read
     if not measured or not others:
         return np.ones(len(rows), np.bool_)
-    own = _filled(rows, measured)
-    empty = np.flatnonzero(~own)
-    if len(empty):
-        own[empty] = ~_filled(rows.take(pa.array(empty)), others)
+    own = np.ones(len(rows), np.bool_)
+    without = _without_cells(rows, measured)
+    if len(without):
+        own[without] = False
+        own[without[_without_cells(rows.take(pa.array(without)), others)]] = True
     return own if own.any() else ~own
 
 
-def _filled(rows: pa.Array, columns: set[int]) -> Bool:
-    """Return which rows have a cell in one of the columns."""
-    filled = np.zeros(len(rows), np.bool_)
+def _without_cells(rows: pa.Array, columns: set[int]) -> npt.NDArray[np.intp]:
+    """Return the rows without a cell in any of the columns; of most logs the first column shows that none is so."""
+    without = np.arange(len(rows))
     for k in columns:
-        filled |= ~_is_empty(pc.utf8_trim_whitespace(pc.list_element(rows, k)))
-    return filled
+        if not len(without):
+            break
+        some = rows if len(without) == len(rows) else rows.take(pa.array(without))
+        without = without[_is_empty(pc.utf8_trim_whitespace(pc.list_element(some, k)))]
+    return without
 
 
 def _is_empty(cells: pa.Array) -> Bool:
