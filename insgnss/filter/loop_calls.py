@@ -120,10 +120,10 @@ def _judging(
     m, P, memory = bank.state[0], bank.P[0], bank.memory[0]
     lines, vectors, values, places = s.lines[:0], s.vectors, s.vectors[0], np.zeros(0, np.int64)
     return {
-        follow_satellites: (m, memory, lines, rows.observation, ANY_N, s.fit, par),
+        follow_satellites: (m, memory, lines, rows.observation, ANY_N, s.fit, values, par),
         widen_noisy_rates: (P, memory, lines, rows.observation, ANY_N, s.fit, values, par),
-        stands_out: (memory, lines, rows.observation, ANY_N, ANY_X, s.fit, ANY_X),
-        find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True),
+        stands_out: (memory, lines, rows.observation, ANY_N, ANY_X, s.fit, ANY_X, ANY_X),
+        find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True, ANY_X),
         judge_rows: (bank, ANY_N, par, lines, rows.observation, ANY_N, s),
         follow_lasting_errors: (m, P, memory, s, rows.observation, ANY_N, ANY_N, par),
         use_epoch: (m, P, lines, vectors, par, ANY_X, P, values),

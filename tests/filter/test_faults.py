@@ -267,6 +267,24 @@ def test_satellite_contradicted_for_two_seconds_is_left_out_altogether(
     assert np.sum(status[FROM + 3] == DRIFTING) == (len(wrong) if known else 0)
 
 
+def test_three_that_run_away_together_are_found_behind_the_noise_that_they_were_taken_for(
+    rng: np.random.Generator,
+) -> None:
+    """Their rates, wrong by a constant, have raised the level of all; the noise about the means has not risen."""
+    liars = [1, 5, 8]
+    truth, bank, log = at_rest_scene(rng)
+    values = log.observation["value"].reshape(EPOCHS, N, 2)
+    values[:, liars, RANGE_RATE] += 0.6
+    values[:, liars, PSEUDORANGE] += 0.6 * np.arange(EPOCHS)[:, None]
+    bank.state["noise_factor"][:, RANGE_RATE] = 60.0
+    bank.state["level_epochs"][:, RANGE_RATE] = 20
+    status = run_at_rest(bank, log, adapt_gain=0.01)
+
+    assert np.all(status[30:, liars] == DRIFTING)
+    assert np.mean(np.delete(status, liars, axis=1) == USED) > 0.99
+    assert off_m(bank, truth) < 2.0
+
+
 def test_errors_that_stay_as_they_are_are_not_called_drifting(rng: np.random.Generator) -> None:
     """Orbit, clock and atmosphere leave each satellite a constant of its own, twice the row's noise here."""
     _, bank, log = at_rest_scene(rng)

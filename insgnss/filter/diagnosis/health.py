@@ -8,7 +8,7 @@ in parallel (``recovery``). Neither touches the filter before the rows have deci
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import GATED, USED
 from insgnss.tables import Event
 
+_SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
@@ -101,8 +102,9 @@ class FilterHealth:
             return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
         was = self.past.banks[:1]
         crept = int(bank.state[0].crept_ns) == t_ns
-        # where all range rates are noisy, one satellite that stands out for a while is not worth an event
-        news = crept and bank.state[0].noise_factor[RANGE_RATE] < NOISY
+        # where all range rates are noisy, a satellite or two that stand out for a while are not worth an event
+        noisy = bank.state[0].noise_factor[RANGE_RATE] >= NOISY
+        news = crept and (not noisy or len(left_out(bank, t_ns)) >= _SEVERAL)
         if t_ns < bank.head[0].doubted_ns:
             return Remedy(bank, self._creeping(bank, t_ns) if news else [])
         if crept and bank.state[0].suspicion <= parameters[0].suspicion_limit:

@@ -3,7 +3,9 @@
 One satellite's deviation from the others (the parity part of ``integrity``) does not depend on where the filter
 believes to be, so it can be followed for as long as one likes:
 
-    range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once
+    range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once;
+                   judged by the noise about the means where that is less than the noise assumed, which rates that are
+                   wrong by a constant have raised
     pseudoranges   mean over five seconds less that over thirty: a code that runs away alone; what stays as it is,
                    orbit, clock and atmosphere, drops out
 
@@ -51,10 +53,12 @@ from insgnss.filter.update.satellite_memory import (
     RATE,
     RATE_MEAN_S,
     RATE_SINCE_S,
+    SCATTER,
     SLOW,
     carry_means,
     takes_part,
 )
+from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
@@ -68,6 +72,9 @@ _HELD_S: Final = (3.0, 20.0)
 _CONTRADICTED_S: Final = 2.0  # for so long on end: a reflection of a moving antenna's lasts for less
 # how long a satellite stays out while its rows cannot show whether it is still wrong
 KEPT_OUT_S: Final = 120.0
+_SETTLED_EPOCHS: Final = (
+    10  # before, the means and the noise about them are those from before the level's rise
+)
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
@@ -81,6 +88,7 @@ def follow_satellites(
     observation: Observations,
     t_ns: int,
     fit: Float64,
+    values: Float64,
     par: Parameters,
 ) -> bool:
     """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
@@ -99,11 +107,16 @@ def follow_satellites(
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
-            if gate2 > 0.0 and stands_out(memory, lines, observation, kind, now, fit, gate2):
+            if not gate2 > 0.0:
+                continue
+            quiet = 1.0
+            if kind == RANGE_RATE and m.level_epochs[kind] >= _SETTLED_EPOCHS:
+                quiet = shown_noise(memory, lines, observation, values, now)
+            if stands_out(memory, lines, observation, kind, now, fit, gate2, quiet):
                 anew = kind == RANGE_RATE
-                found = find_creeping(memory, lines, observation, kind, now, gate2, anew)
+                found = find_creeping(memory, lines, observation, kind, now, gate2, anew, quiet)
                 if found == 0 and anew:
-                    found = find_creeping(memory, lines, observation, kind, now, gate2, False)
+                    found = find_creeping(memory, lines, observation, kind, now, gate2, False, quiet)
                 if found > 0:
                     refused = refuse_left_out(memory, lines, observation, now)
                     if kind == RANGE_RATE:
@@ -156,15 +169,32 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
 
 
 @kernel(inline=True)
-def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, float]:
-    """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said."""
+def shown_noise(
+    memory: Float64, lines: Lines, observation: Observations, values: Float64, now: float
+) -> float:
+    """Return the variance of range rates about their means over the one assumed: most satellites', one at most."""
+    n = 0
+    for j in range(lines.shape[0]):
+        mean = memory[observation[j].slot]
+        if crept(mean, lines[j], RANGE_RATE, now, 1.0)[1] > 0.0 and mean[SCATTER] >= 0.0:
+            values[n] = mean[SCATTER] / usual_variance(lines[j], RANGE_RATE)
+            n += 1
+    return float(min(median_of(values, n), 1.0) if n >= LEAST_AGREEING else 1.0)
+
+
+@kernel(inline=True)
+def crept(mean: Float64, line: Line, kind: int, now: float, quiet: float) -> tuple[float, float]:
+    """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said.
+
+    ``quiet``: by how much the noise about the means is below the one assumed (``shown_noise``).
+    """
     if not takes_part(line, kind):
         return 0.0, 0.0
     if kind == PSEUDORANGE:
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= RATE_MEAN_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * RATE_MEAN_S) * usual_variance(line, kind) + RATE_FLOOR2
+    return mean[RATE], quiet * _ALIKE_S / (2.0 * RATE_MEAN_S) * usual_variance(line, kind) + RATE_FLOOR2
 
 
 @kernel(apart=True)
@@ -176,6 +206,7 @@ def stands_out(
     now: float,
     fit: Float64,
     gate2: float,
+    quiet: float,
 ) -> bool:
     """Return whether the mean of a satellite in use is beyond the gate, less the common part of all satellites in use.
 
@@ -185,7 +216,7 @@ def stands_out(
     count = 0
     for j in range(lines.shape[0]):
         mean = memory[observation[j].slot]
-        value, variance = crept(mean, lines[j], kind, now)
+        value, variance = crept(mean, lines[j], kind, now, quiet)
         if variance > 0.0 and not mean[LEFT_OUT_S] > now:
             add_row(lines[j], kind, value, variance, fit)
             count += 1
@@ -194,7 +225,7 @@ def stands_out(
     beyond = False
     for j in range(lines.shape[0]):
         mean = memory[observation[j].slot]
-        value, variance = crept(mean, lines[j], kind, now)
+        value, variance = crept(mean, lines[j], kind, now, quiet)
         if variance > 0.0:
             rest = value - explained_by(lines[j], kind, fit)
             explained = explained_variance(lines[j], kind, fit)
@@ -212,7 +243,14 @@ def stands_out(
 
 @kernel(apart=True)
 def find_creeping(
-    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
+    memory: Float64,
+    lines: Lines,
+    observation: Observations,
+    kind: int,
+    now: float,
+    gate2: float,
+    anew: bool,
+    quiet: float,
 ) -> int:
     """Mark the smallest set of satellites without which the means agree; return how many there are.
 
@@ -224,16 +262,14 @@ def find_creeping(
     """
     index = np.empty(lines.shape[0], np.int64)
     n = 0
-    largest = 0.0
     for j in range(lines.shape[0]):
         mean = memory[observation[j].slot]
-        _, variance = crept(mean, lines[j], kind, now)
+        _, variance = crept(mean, lines[j], kind, now, quiet)
         if variance > 0.0 and (anew or not mean[LEFT_OUT_S] > now):
             index[n] = j
             n += 1
-            largest = max(largest, variance)
     T = np.empty((n, n + 1))
-    write_means(T, memory, lines, observation, kind, now, index[:n], largest)
+    write_means(T, memory, lines, observation, kind, now, index[:n], quiet)
     active = np.ones(n, np.int64)
     for j in range(n):
         exchange(T, j)
@@ -264,13 +300,16 @@ def write_means(
     kind: int,
     now: float,
     index: Int64,
-    largest: float,
+    quiet: float,
 ) -> None:
     """Write the means' covariance, with a free common part, and the means behind it into ``T`` (n, n + 1)."""
     n = index.shape[0]
+    largest = 0.0
+    for j in index:
+        largest = max(largest, crept(memory[observation[j].slot], lines[j], kind, now, quiet)[1])
     for a in range(n):
         one = lines[index[a]]
-        value, variance = crept(memory[observation[index[a]].slot], one, kind, now)
+        value, variance = crept(memory[observation[index[a]].slot], one, kind, now, quiet)
         for b in range(a + 1):
             total = variance if a == b else 0.0
             for i in range(UNKNOWNS):

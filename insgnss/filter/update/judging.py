@@ -73,7 +73,7 @@ def judge_rows(
         if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
-    if follow_satellites(m, memory, lines, observation, t_ns, s.fit, par):
+    if follow_satellites(m, memory, lines, observation, t_ns, s.fit, values, par):
         done = counted_again(done, lines, par)
     return done
 

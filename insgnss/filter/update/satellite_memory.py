@@ -31,6 +31,8 @@ REFLECTION, REFLECTION_VARIANCE = 14, 15
 LASTING, N_LASTING = 16, 4
 # probability that its carrier phase is not locked, and when [s] (``phase_locks``)
 UNLOCKED, UNLOCKED_S = 24, 25
+# mean square of its range rate about ``RATE`` [m^2/s^2]
+SCATTER = 26
 
 RATE_MEAN_S: Final = 10.0
 FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts again
@@ -63,9 +65,15 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
     since = now - mean[RATE_S]
     mean[RATE_S] = now
     if not 0.0 <= since <= FORGOTTEN_S:
-        mean[RATE], mean[RATE_SINCE_S] = value, now
+        mean[RATE], mean[RATE_SINCE_S], mean[SCATTER] = value, now, -math.inf
+        return
+    new = 1.0 - math.exp(-since / RATE_MEAN_S)
+    square = (value - mean[RATE]) ** 2
+    mean[RATE] += new * (value - mean[RATE])
+    if not mean[SCATTER] >= 0.0:
+        mean[SCATTER] = square
     else:
-        mean[RATE] += (1.0 - math.exp(-since / RATE_MEAN_S)) * (value - mean[RATE])
+        mean[SCATTER] += max(new, since / (now - mean[RATE_SINCE_S])) * (square - mean[SCATTER])
 
 
 @kernel(inline=True)
