@@ -3,9 +3,9 @@
 One satellite's deviation from the others (the parity part of ``integrity``) does not depend on where the filter
 believes to be, so it can be followed for as long as one likes:
 
-    range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once;
-                   judged by the noise about the means where that is less than the noise assumed, which rates that are
-                   wrong by a constant have raised
+    range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once.
+                   Its sigma follows from the noise about the means where that is less than the assumed noise, because
+                   rates that are wrong by a constant raise the assumed noise of all
     pseudoranges   mean over five seconds less that over thirty: a code that runs away alone; what stays as it is,
                    orbit, clock and atmosphere, drops out
 
@@ -72,9 +72,7 @@ _HELD_S: Final = (3.0, 20.0)
 _CONTRADICTED_S: Final = 2.0  # for so long on end: a reflection of a moving antenna's lasts for less
 # how long a satellite stays out while its rows cannot show whether it is still wrong
 KEPT_OUT_S: Final = 120.0
-_SETTLED_EPOCHS: Final = (
-    10  # before, the means and the noise about them are those from before the level's rise
-)
+_SETTLED_EPOCHS: Final = 10  # until then means and noise are still of the time before the level rose
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
@@ -172,7 +170,7 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
 def shown_noise(
     memory: Float64, lines: Lines, observation: Observations, values: Float64, now: float
 ) -> float:
-    """Return the variance of range rates about their means over the one assumed: most satellites', one at most."""
+    """Return the variance of range rates about their means over the assumed one: the median, at most one."""
     n = 0
     for j in range(lines.shape[0]):
         mean = memory[observation[j].slot]

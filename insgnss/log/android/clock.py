@@ -43,9 +43,7 @@ class ReceiverClock:
 def receiver_clock(raw: AndroidCells) -> ReceiverClock:
     """Return the GPS time of the "Raw" lines."""
     time_ns, timed = raw.integers("TimeNanos")
-    _, biased = raw.integers("FullBiasNanos")
-    full_ns, cut = raw.rounded("FullBiasNanos")
-    biased |= cut
+    full_ns, biased, cut = raw.rounded("FullBiasNanos")
     fraction_ns = np.nan_to_num(raw.decimals("BiasNanos"))
     biased &= timed & (full_ns != 0) & (np.abs(fraction_ns) < NS_PER_S)
     bias_ns = full_ns + np.rint(np.where(biased, fraction_ns, 0.0)).astype(np.int64)

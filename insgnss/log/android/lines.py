@@ -25,9 +25,8 @@ from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
 from insgnss.tables import Bool, Event, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
-_NAMES_IN_IT: Final = re.compile(
-    r"[,\s](TimeNanos|utcTimeMillis)\b"
-)  # where the mark of its comment was taken off
+# In a header that has lost the mark of its comment
+_NAMES_IN_IT: Final = re.compile(r"[,\s](TimeNanos|utcTimeMillis)\b")
 _TABLE_HEADER: Final = "MessageType,"
 # The first line of a table of "Raw" lines alone
 RAW_TABLE: Final = re.compile(
@@ -104,18 +103,18 @@ class AndroidCells:
         """Return a column as integers, exact to the last digit, and where there is one; zero elsewhere."""
         return self._numbers(name, _INTEGER, pa.int64(), 0)
 
-    def rounded(self, name: str) -> tuple[Int64, Bool]:
-        """Return a column as ``integers`` does, and from cells that a table has cut to 15 digits or more; and those."""
+    def rounded(self, name: str) -> tuple[Int64, Bool, Bool]:
+        """Return a column as ``integers`` does, with the cells that a table has cut to 15 digits or more; and those."""
         values, present = self.integers(name)
         if present.all() or not self.has(name):
-            return values, np.zeros(self.n, np.bool_)
+            return values, present, np.zeros(self.n, np.bool_)
         values, cut = values.copy(), ~present
         texts = self.texts(name)
         numbers = {text: _cut_number(text.strip()) for text in {texts[k] for k in np.flatnonzero(cut)}}
         for k in np.flatnonzero(cut):
             number = numbers[texts[k]]
             cut[k], values[k] = number is not None, number or 0
-        return values, cut
+        return values, present | cut, cut
 
     def decimals(self, name: str) -> Float64:
         """Return a column as floats, NaN where the cell is empty or no number."""

@@ -17,11 +17,8 @@ from insgnss.tables import Event
 
 # Forward, right, down of a phone that lies flat, its top ahead: its axes are x right, y to the top, z out of the screen
 _FLAT: Final = ("+y", "+x", "-z")
-_NEEDED: Final = (
-    "FullBiasNanos",
-    "Svid",
-    "ReceivedSvTimeNanos",
-)  # without them no pseudorange can be computed
+# Without them no pseudorange can be computed
+_NEEDED: Final = ("FullBiasNanos", "Svid", "ReceivedSvTimeNanos")
 
 
 def read_android(path: Path) -> ReceiverLog:

@@ -92,14 +92,14 @@ def read_exact(
     data = _utf8(buffer)
     cut = last_line_is_cut(memoryview(data), dialect.delimiter)
     rows, lines, complaints = _split_lines(data, dialect, cut)
-    measured = {name: places[name] for name in wanted.measured if name in places}
-    own = _rows_of_this_log(rows, set(measured.values()), set(places.values()))
-    total, rows, lines = len(lines), rows.filter(pa.array(own)), lines[own]
     strings = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
-    reader = _ColumnReader(path, dialect, lines, complaints, wanted.decimal)
-    if len(lines) < total:
+    measured = [name for name in wanted.measured if name in places]
+    own = _rows_of_this_log(rows, [strings[name] for name in measured], set(places.values()))
+    reader = _ColumnReader(path, dialect, lines[own], complaints, wanted.decimal)
+    if not own.all():
+        strings = {name: cells.filter(pa.array(own)) for name, cells in strings.items()}
         names = "', '".join(measured)
-        left_out = f"{total - len(lines)} of {total} rows left out"
+        left_out = f"{int((~own).sum())} of {len(own)} rows left out"
         detail = f"{path}: {left_out}: nothing in '{names}', but in columns of other logs"
         reader.rows.events.append(Event(None, "rows_of_other_logs", detail))
     if wanted.calendar is not None:
@@ -116,32 +116,25 @@ def read_exact(
     return reader.result(words)
 
 
-def _rows_of_this_log(rows: pa.Array, measured: set[int], read: set[int]) -> Bool:
+def _rows_of_this_log(rows: pa.Array, measured: list[pa.Array], read: set[int]) -> Bool:
     """Return which rows are of this log; all are where none has a cell in the columns ``measured``.
 
     A recorder that writes several sensors into one file leaves the cells of the others empty. A row that is also
     empty in the columns that are not ``read`` lacks its own measurement.
     """
+    own = np.ones(len(rows), np.bool_)
     others = set(range(len(rows[0]) if len(rows) else 0)) - read
     if not measured or not others:
-        return np.ones(len(rows), np.bool_)
-    own = np.ones(len(rows), np.bool_)
-    without = _without_cells(rows, measured)
-    if len(without):
-        own[without] = False
-        own[without[_without_cells(rows.take(pa.array(without)), others)]] = True
-    return own if own.any() else ~own
-
-
-def _without_cells(rows: pa.Array, columns: set[int]) -> npt.NDArray[np.intp]:
-    """Return the rows without a cell in any of the columns; of most logs the first column shows that none is so."""
+        return own
     without = np.arange(len(rows))
-    for k in columns:
-        if not len(without):
-            break
-        some = rows if len(without) == len(rows) else rows.take(pa.array(without))
-        without = without[_is_empty(pc.utf8_trim_whitespace(pc.list_element(some, k)))]
-    return without
+    for cells in measured:
+        without = without[_is_empty(cells)[without]]
+        if not len(without):  # in most logs the first column shows that
+            return own
+    some = rows.take(pa.array(without))
+    further = (_is_empty(pc.utf8_trim_whitespace(pc.list_element(some, k))) for k in others)
+    own[without] = np.logical_and.reduce(list(further))
+    return own if own.any() else ~own
 
 
 def _is_empty(cells: pa.Array) -> Bool:
