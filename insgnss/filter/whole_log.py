@@ -25,7 +25,7 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.smoothing.row_covariances import RowCovariances
-from insgnss.filter.smoothing.smoother import Smoother
+from insgnss.filter.smoothing.smoother import Smoother, smooth_back
 from insgnss.filter.start.carried_start import CarriedState, kept_over
 from insgnss.filter.start.without_gnss import TimedStart, opened_at
 from insgnss.filter.state import MAX_RANGE_BIASES
@@ -119,6 +119,7 @@ def run_blocks(
     kept: CarriedState | None = None
     found: dict[int, list[OwnEntry]] = {}
     spans_ns: list[tuple[int, int]] = []
+    smoothers: list[Smoother] = []
     for part, cut in samples.stretches():
         kept = kept if cut is None else kept_over(kept, cut)
         if len(part.t_ns) < 2:
@@ -130,6 +131,8 @@ def run_blocks(
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
         smoother = Smoother(navigator, part, further) if smooth else None
         first = int(out.counts[0].nav)
+        if smoothers and kept is not None:
+            smoothers[-1].end_before(kept.cut)
         for rows, begin, end, written in passage.until(int(e1)):
             if smoother is not None:
                 smoother.forward(rows, begin, end, written)
@@ -139,16 +142,16 @@ def run_blocks(
                 navigator.run(part, rows, begin, end, written)
         _after_the_epochs(navigator, part, further, no_rows, out)
         found |= navigator.own
-        if filtered is not None:
-            filtered.append(out.nav[first : out.counts[0].nav].copy())
-        if smoother is not None:
-            smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             if further is not None:
                 RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)
             else:
                 work = navigator.workspace(no_rows)
                 run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
+        if filtered is not None:
+            filtered.append(out.nav[first : out.counts[0].nav].copy())
+        if smoother is not None and navigator.started_ns is not None:
+            smoothers.append(smoother)
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
         kept = navigator.leave(part)
@@ -156,6 +159,8 @@ def run_blocks(
     passage.without_imu(n_epochs)
     if not started:
         raise _no_start(setup, samples.logged_ns, epoch_ns)
+    if smoothers:
+        smooth_back(smoothers, times if len(times) else epoch_ns, out)
     if own is not None and setup.own is not None:
         own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
     return out, passage.ledger or [LedgerPart(*new_ledger(no_rows))], events

@@ -38,14 +38,6 @@ _SENSORS: Final = ("gyros", "accelerometers")
 _FIRST_ROOM: Final = 1024
 
 
-class Cut(NamedTuple):
-    """Where the filter restarts: after a gap that is too long, or an outage in which the attitude was lost."""
-
-    last_ns: int  # the last sample before
-    next_ns: int  # the first sample after
-    rotation: float  # variance of the rotation in between [rad^2]
-
-
 class Sample(NamedTuple):
     """One sample as the filter takes it."""
 
@@ -54,6 +46,15 @@ class Sample(NamedTuple):
     f_b: Float64
     unknown: Float64  # (2,) as in ``ImuSamples``
     logged: bool  # whether it is in the log; else it bridges a gap
+
+
+class Cut(NamedTuple):
+    """Where the filter restarts: after a gap that is too long, or an outage in which the attitude was lost."""
+
+    last_ns: int  # the last sample before
+    next_ns: int  # the first sample after
+    rotation: float  # variance of the rotation in between [rad^2]
+    bridge: Sample | None = None  # by which a smoother crosses a gap
 
 
 @dataclass
@@ -72,7 +73,8 @@ class ScreeningReporter:
             detail = f"no inertial sample for {size:.3f} s: bridged, sigma grown"
             return Event(int(edit["axes"]), "imu_gap", detail)
         if kind == CUT and size > 0.0:
-            return restart_event(t_ns - round(size * NS_PER_S), t_ns)
+            begin_ns = int(edit["axes"])
+            return restart_event(begin_ns, begin_ns + round(size * NS_PER_S))
         if kind == CUT:
             detail = "the gyros are back, but the attitude is lost: the filter restarts from the next fix"
             return Event(t_ns, "restart", detail)
@@ -180,8 +182,21 @@ def _edited(imu: ImuSamples, edits: Edits, events: list[Event]) -> ScreenedLog:
         first = int(place[edit["sample"]])
         first += int(np.searchsorted(bridge["sample"], edit["sample"], side="right"))
         last_ns = int(logged_ns[max(place[edit["sample"]] - 1, 0)])
-        cuts.append((first, Cut(last_ns, int(edit["t_ns"]), float(edit["unknown"][0]))))
+        cuts.append((first, _cut(edit, last_ns, int(imu.t_ns[edit["sample"]]))))
     return ScreenedLog(made, logged_ns, cuts, events)
+
+
+def _put_in(edit: Any) -> Sample:
+    """Return the sample that bridges a gap."""
+    return Sample(int(edit["t_ns"]), edit["w"].copy(), edit["f"].copy(), edit["unknown"].copy(), logged=False)
+
+
+def _cut(edit: Any, last_ns: int, next_ns: int) -> Cut:
+    """Return a cut between the samples at two times."""
+    if edit["amount"] == 0.0:
+        return Cut(last_ns, next_ns, float(edit["unknown"][0]))
+    bridge = _put_in(edit)
+    return Cut(last_ns, next_ns, float(bridge.unknown[0]) * (bridge.t_ns - last_ns) / NS_PER_S, bridge)
 
 
 class SampleStream:
@@ -232,10 +247,9 @@ class SampleStream:
             if kind in (BAD_SAMPLE, SPIKE):
                 return found
             if kind in (BRIDGE, BRIDGE_TOLD):
-                values = (edit["w"].copy(), edit["f"].copy(), edit["unknown"].copy())
-                found.append(Sample(int(edit["t_ns"]), *values, logged=False))
+                found.append(_put_in(edit))
             elif kind == CUT:
-                found.append(Cut(self._last_ns, t_ns, float(edit["unknown"][0])))
+                found.append(_cut(edit, self._last_ns, t_ns))
             elif kind == REPLACED:
                 w, f, unknown = edit["w"].copy(), edit["f"].copy(), edit["unknown"].copy()
         self._last_ns = t_ns

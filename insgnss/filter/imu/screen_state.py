@@ -26,7 +26,9 @@ SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`
 # a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
 BRIDGE: Final = 3
 BRIDGE_TOLD: Final = 4  # the same, and long enough to be reported
-CUT: Final = 5  # too long to bridge: the filter restarts with this sample; ``amount`` is the step [s]
+# too long to bridge: the filter restarts with this sample. After a gap it is as BRIDGE, for a smoother; where samples
+# went on, ``amount`` is 0 and ``unknown`` begins with the variance of the rotation
+CUT: Final = 5
 REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
 # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
 OUT_BEGINS: Final = 7
@@ -46,13 +48,9 @@ EDIT_DTYPE: Final = np.dtype(
             ("t_ns", np.int64),  # time of a sample put in, else that of the sample
             ("w", np.float64, (3,)),  # values of a sample put in or replaced
             ("f", np.float64, (3,)),
-            (
-                "unknown",
-                np.float64,
-                (2,),
-            ),  # densities of its unknown motion [rad^2/s], [m^2/s^3]; of a cut: variance
+            ("unknown", np.float64, (2,)),  # densities of its unknown motion [rad^2/s], [m^2/s^3]
             ("amount", np.float64),
-            ("axes", np.int64),
+            ("axes", np.int64),  # of a gap: when it began [ns]
         ],
     )
 )

@@ -224,7 +224,7 @@ def note_step(s: ScreenRecord, dt: float) -> None:
 
 @kernel(apart=True)
 def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64) -> None:
-    """Write the bridging of the time without samples, or that it is too long.
+    """Write the bridging of the time without samples; where it is too long for the filter, it is a cut.
 
     Equation: the rate is a random walk of density q that is known at both ends: its integral over the gap T is
     T (w_0 + w_1) / 2 with the variance q T^3 / 12; the ends' own noise sigma^2 adds sigma^2 T^2 / 2. The same holds for
@@ -255,17 +255,13 @@ def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edi
         edit.f[i] = 0.5 * (s.x[3 + i] + x[3 + i]) + taken_of_spike(s, 3 + i) / length
     rotation = edit.unknown[GYRO] * length
     if dt > s.restart_s or rotation > s.restart_variance:
-        begin_anew(s, edits, count, rotation, t_ns)
+        edit.kind = CUT
+        begin_anew(s)
 
 
 @kernel(inline=True)
-def begin_anew(s: ScreenRecord, edits: Edits, count: Int64, rotation: float, t_ns: int) -> None:
-    """Make a cut of the verdict written last."""
-    edit = edits[count[0] - 1]
-    edit.kind = CUT
-    edit.t_ns = t_ns
-    edit.unknown[0] = rotation
-    edit.unknown[1] = 0.0
+def begin_anew(s: ScreenRecord) -> None:
+    """Forget what does not hold across a cut."""
     s.n = 0
     s.out_variance = 0.0
     for i in range(6):
@@ -322,7 +318,8 @@ def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, cou
     if sensor == GYRO:
         if s.out_variance > s.restart_variance:
             write(edits, count, k, t_ns, CUT, 0.0)
-            begin_anew(s, edits, count, s.out_variance, t_ns)
+            edits[count[0] - 1].unknown[0] = s.out_variance
+            begin_anew(s)
         s.out_variance = 0.0
 
 

@@ -18,28 +18,25 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.diagnosis.supposed_faults import quiet
 from insgnss.filter.headings.heading_bank import set_attitude, turn_member
 from insgnss.filter.headings.headings import turn_about, yaw_variance
 from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP, new_output
 from insgnss.filter.own_update import OwnUpdate, run_beside
-from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.between import one_hypothesis
 from insgnss.filter.smoothing.smoother_step import (
     FilteredEpoch,
     SmoothedEpoch,
     apart,
+    attitude_before,
     keep,
     keep_own,
     kept_as_opened,
 )
-from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
-from insgnss.geodesy.rotations import rotation_matrix
+from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, select_members
 from insgnss.gnss.observation_rows import GnssRows
-from insgnss.tables import Float64, Int64
 
 _STEPPED: Final = {int(CLOCK_STEP): CLOCK, int(DRIFT_STEP): DRIFT}
 _COMPARED: Final = slice(DR, PSI + 3)  # position, velocity, attitude
@@ -91,7 +88,7 @@ def _opened_right(
     smoothed = found.state()
     then = smoothed.copy()
     then.r_e[:] = bank.state["r_e"][bank.head[0].leader]
-    set_attitude(then, _attitude_before(bank, found.kept.t_ns, smoothed, imu, parameters))
+    set_attitude(then, attitude_before(bank, found.kept.t_ns, smoothed, imu, parameters))
     turns = [turn_about(m, then) for m in bank.state]
     nearest = int(np.argmin(np.abs(turns)))
     one = select_members(bank, np.array([nearest], np.int64))
@@ -99,21 +96,3 @@ def _opened_right(
     sigma = math.sqrt(yaw_variance(m, P))
     turn_member(m, P, turns[nearest], sigma, parameters[0].lever_b, setup.layout)
     return one
-
-
-def _attitude_before(
-    bank: Bank, end_ns: int, smoothed: StateRecord, imu: ImuSamples, parameters: npt.NDArray[Any]
-) -> Float64:
-    """Return C_eb (3, 3) at a bank's time by the smoothed one at ``end_ns`` and the gyros.
-
-    Equation: C(t_0) = R^T C(t_1) C_a(t_1)^T R C_a(t_0), C_a any attitude that the gyros have carried from t_0 to t_1,
-              with the smoothed bias; R what the Earth has turned
-    """
-    first: Int64 = np.zeros(1, np.int64)
-    carried = one_hypothesis(bank.state[first], bank.P[first], bank.head)
-    carried.state[0].b_g[:] = smoothed.b_g
-    before = carried.state[0].C_eb.copy()
-    seconds = (end_ns - int(bank.head[0].now_ns)) / NS_PER_S
-    carry_bank(carried, end_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
-    R = rotation_matrix(np.array([0.0, 0.0, -WGS84_OMEGA_RADPS * seconds]))
-    return np.asarray(R.T @ smoothed.C_eb @ carried.state[0].C_eb.T @ R @ before)

@@ -17,22 +17,25 @@ as they left it, two filters of one time.
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
 while: from the last epoch that fitted it to the reset the samples count as so unsure that the step is one sigma of
-theirs, and of the clock nothing is carried back. Smoothing stops where the filter restarted: after a restart or a
-long gap in the samples.
+theirs, and of the clock nothing is carried back. A gap in the samples after which the filter began anew has a step of
+its own (``across_gap``). Smoothing stops where the filter was given up while the samples went on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from insgnss.filter.imu.inertial_stream import Cut
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
-from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.smoothing.across_gap import first_sample, last_sample, without_shown_motion
 from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.smoothing.open_phase import OpenPhase, gone_over_alone
@@ -64,6 +67,8 @@ class Smoother:
     further: PointColumnValues | None = None  # columns that are wanted beside those of a row
     kept: list[FilteredEpoch] = field(default_factory=list)
     phases: dict[int, OpenPhase] = field(default_factory=dict)  # by the time of the epoch at which each ended
+    _end: tuple[FilteredEpoch, Cut] | None = None  # the filter at the last sample, and what came then
+    _began_ns: int | None = None  # when the filter began that is kept first
     _linked: bool = False  # whether the next epoch follows from the one kept last
     _opened: bool = False  # whether a given start has been kept
     _phase: OpenPhase | None = None  # several headings are open
@@ -93,6 +98,8 @@ class Smoother:
             return
         if opened is not None and not self._opened:
             self._open(opened)
+        if self._began_ns is None:
+            self._began_ns = int(bank.head[0].now_ns)
         if self._phase is None and len(bank.state) == 1:
             fits = self.kept[-1].fits if self.kept else True
             self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
@@ -109,6 +116,8 @@ class Smoother:
         if bank is None:
             self._linked, self._phase = False, None
             return
+        if self._began_ns is None:
+            self._began_ns = self.navigator.started_ns
         replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
         if before is None and navigator.opened is not None:
             if not self._opened:
@@ -149,36 +158,85 @@ class Smoother:
 
     def _open(self, opened: Bank) -> None:
         """Keep a given start, at which there is no epoch."""
-        self._opened = True
+        self._opened, self._began_ns = True, int(opened.head[0].now_ns)
         if len(opened.state) > 1:
             self._phase = OpenPhase(opened, linked=False)
         else:
             self.kept.append(kept_as_opened(opened))
             self._linked = True
 
-    def finish(self, out: Output) -> None:
-        """Write the navigation rows of everything that ``forward`` kept, from the backward pass."""
+    def end_before(self, cut: Cut) -> None:
+        """Keep the filter at its last sample, after which a ``cut`` comes, if it is one that later data may smooth."""
+        bank, parameters = self.navigator.bank, self.navigator.parameters
+        is_one = bank is not None and len(bank.state) == 1 and self._phase is None
+        if bank is None or not (is_one and self._linked and self.kept[-1].fits):
+            return
+        last = one_hypothesis(bank.state, bank.P, bank.head)
+        scratch = new_scratch(last.P.shape[1])
+        carry_bank(last, int(self.imu.t_ns[-1]), self.imu, parameters[0], scratch)
+        predict_covariance(last.state[0], last.P[0], parameters[0], scratch)
+        self._end = keep_own(last, np.zeros(len(last.P[0])), linked=True, fits=True), cut
+
+    def finish(self, out: Output, after: SmoothedEpoch | None = None) -> SmoothedEpoch | None:
+        """Write the navigation rows of everything that ``forward`` kept, from the backward pass.
+
+        Returns the epoch at which the filter began, smoothed; None where the way back does not lead there.
+
+        Parameters
+        ----------
+        after : the first sample after the gap in which the stretch ends, smoothed
+        """
         t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
-        parameters, n = self.navigator.parameters, OFFSETS + self.navigator.setup.layout.n_values
-        for found in self._back():
-            row = int(np.searchsorted(t_ns, found.kept.t_ns))
-            if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
-                continue  # own rows at the time of an epoch, which was written already
-            if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
-                if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
-                    state = found.kept.bank.state[:1].copy()
-                    at_epoch = InterpolatedStates(
-                        slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n]
-                    )
-                    self._write(row, at_epoch, out)
-                row += 1
-            if found.onward is None:
-                continue
-            last = int(np.searchsorted(t_ns, found.onward.t_ns))
-            if last > row:
-                times_ns = t_ns[row:last]
-                for part in smoothed(found.kept.bank, times_ns, found.onward, parameters, n):
-                    self._write(row + part.rows.start, part, out)
+        last: SmoothedEpoch | None = None
+        if after is not None and self._end is not None:
+            kept, cut = self._end
+            last = last_sample(
+                kept, after, cut, self.imu, self.navigator.parameters, self.navigator.setup.layout
+            )
+            self._rewrite(last, t_ns, self.navigator.parameters, out)
+        first: SmoothedEpoch | None = None
+        for first in self._back(last):
+            self._rewrite(first, t_ns, self.navigator.parameters, out)
+        return first if first is not None and first.kept.t_ns == self._began_ns else None
+
+    def before_the_first(self, found: SmoothedEpoch, times_ns: Int64, out: Output) -> SmoothedEpoch:
+        """Return the stretch's first sample, smoothed by the epoch ``found`` at which the filter began.
+
+        Rows at ``times_ns`` from that sample up to the epoch follow those that are written.
+        """
+        parameters = without_shown_motion(self.navigator.parameters)
+        first = first_sample(found, self.imu, parameters, self.navigator.setup.layout)
+        begin, end = np.searchsorted(times_ns, [first.kept.t_ns, found.kept.t_ns])
+        written, count = int(out.counts[0].nav), int(end - begin)
+        if count:
+            later_ns = out.nav["t_ns"][:written]
+            nearest = int(np.searchsorted(later_ns, found.kept.t_ns))
+            rows = out.nav[written : written + count]
+            rows["t_ns"] = times_ns[begin:end]
+            rows["slow"] = out.nav["slow"][min(nearest, written - 1)]
+            out.counts[0].nav += count
+            t_ns = np.concatenate([np.zeros(written, np.int64), times_ns[begin:end]])
+            self._rewrite(first, t_ns, parameters, out)
+        return first
+
+    def _rewrite(self, found: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output) -> None:
+        """Write the row of an epoch and those up to the next one, among rows at times ``t_ns``."""
+        n = OFFSETS + self.navigator.setup.layout.n_values
+        row = int(np.searchsorted(t_ns, found.kept.t_ns))
+        if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
+            return  # own rows at the time of an epoch, which was written already
+        if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
+            if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
+                state = found.kept.bank.state[:1].copy()
+                at_epoch = InterpolatedStates(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
+                self._write(row, at_epoch, out)
+            row += 1
+        if found.onward is None:
+            return
+        last = int(np.searchsorted(t_ns, found.onward.t_ns))
+        if last > row:
+            for part in smoothed(found.kept.bank, t_ns[row:last], found.onward, parameters, n):
+                self._write(row + part.rows.start, part, out)
 
     def _write(self, first: int, found: InterpolatedStates, out: Output) -> None:
         found = found._replace(P=found.P.copy())  # what is written is carried to GPS time
@@ -192,10 +250,12 @@ class Smoother:
         for found in self._back():
             yield found.kept, found.e, found.P
 
-    def _back(self) -> Iterator[SmoothedEpoch]:
-        """Yield the epochs from the last to the first, those of open headings in their place."""
+    def _back(self, later: SmoothedEpoch | None = None) -> Iterator[SmoothedEpoch]:
+        """Yield the epochs from the last to the first, those of open headings in their place.
+
+        ``later`` is what smooths the epoch before it: at first what comes behind the last.
+        """
         layout = self.navigator.setup.layout
-        later: SmoothedEpoch | None = None  # that smooths the epoch before it
         for kept in reversed(self.kept):
             at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
             if later is not None and at_once:  # as it was before its heading was split
@@ -224,6 +284,28 @@ class Smoother:
     def _one_back(self, kept: FilteredEpoch, later: SmoothedEpoch) -> SmoothedEpoch:
         navigator = self.navigator
         return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
+
+
+def smooth_back(stretches: list[Smoother], times_ns: Int64, out: Output) -> None:
+    """Write the navigation rows of all stretches of a log, the last first, and those before a later stretch's first.
+
+    Parameters
+    ----------
+    stretches : with a filter each
+    times_ns : times of rows
+    """
+    after: SmoothedEpoch | None = None
+    for at in range(len(stretches) - 1, -1, -1):
+        first = stretches[at].finish(out, after)
+        after = None if first is None or at == 0 else stretches[at].before_the_first(first, times_ns, out)
+    count = int(out.counts[0].nav)
+    order = np.argsort(out.nav["t_ns"][:count], kind="stable")
+    for rows in (
+        out.nav,
+        out.optional,
+        *([] if stretches[0].further is None else [stretches[0].further.values]),
+    ):
+        rows[:count] = rows[:count][order]
 
 
 def _fits(bank: Bank, navigator: Navigator) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.heading_bank import difference
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
@@ -31,7 +31,8 @@ from insgnss.filter.state import (
     StateRecord,
 )
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.tables import Float64
+from insgnss.geodesy.rotations import rotation_matrix
+from insgnss.tables import Float64, Int64
 
 _STEP_VARIANCE: Final = 1e14  # (10 000 km)^2, of a clock that may have stepped anywhere
 
@@ -45,6 +46,7 @@ class FilteredEpoch(NamedTuple):
     linked: bool = False  # whether it follows from the epoch kept before it
     stepped: tuple[int, ...] = ()  # states of the clock that stepped in between
     reset: bool = False  # whether the filter was set right at it
+    anew: bool = False  # whether it began at it, and what comes before is another filter's
     fits: bool = True  # whether the filter agreed with it
     is_own: bool = False  # no epoch, but a user's own rows: the clone stays that of the epoch before
 
@@ -100,7 +102,8 @@ def _told(kept: FilteredEpoch, layout: Layout) -> int:
 
 def same_time(kept: FilteredEpoch, found: SmoothedEpoch, layout: Layout) -> SmoothedEpoch:
     """Return the smoothed estimate of this filter from ``found``, of another filter at the same time."""
-    return SmoothedEpoch(kept, apart(found.state(), kept.bank.state[0], layout), found.P, None)
+    e = apart(found.state(), kept.bank.state[0], layout)
+    return SmoothedEpoch(kept, e, found.P[: len(e), : len(e)], None)
 
 
 def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
@@ -113,13 +116,17 @@ def one_back(
     kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> SmoothedEpoch:
     """Return an epoch smoothed from the ``later`` one."""
-    n, q, known = _told(kept, layout), kept.bank.P.shape[1], len(later.e)
-    if later.kept.reset:
-        imu, d = across_reset(kept, later, imu, parameters, layout)
+    n, q = _told(kept, layout), kept.bank.P.shape[1]
+    if later.kept.reset or later.kept.anew:
+        d = step_of_state(kept.bank, later, imu, parameters, layout)
+        if later.kept.reset:
+            imu = doubted(imu, d, (later.kept.t_ns - kept.t_ns) / NS_PER_S)
         prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
-        doubt_what_jumped(prior, d)
+        if later.kept.reset:
+            doubt_what_jumped(prior, d)
+        known = len(d)
         step, P_y = np.zeros(q), prior.copy()  # of a clone from before nothing is known
-        step[:known], P_y[:known, :known] = d, later.P
+        step[:known], P_y[:known, :known] = d, later.P[:known, :known]
         cross[:, known:] = prior[known:] = prior[:, known:] = P_y[known:] = P_y[:, known:] = 0.0
     else:
         e_y, P_y = with_clone(later.kept, later.e, later.P)
@@ -140,25 +147,46 @@ def doubt_what_jumped(prior: Float64, d: Float64) -> None:
     prior[clocks, clocks] += _STEP_VARIANCE
 
 
-def across_reset(
-    kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
-) -> tuple[ImuSamples, Float64]:
-    """Return the samples before a reset, and the step of the state from their propagated value (n,).
+def step_of_state(
+    bank: Bank, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+) -> Float64:
+    """Return a smoothed state minus what a bank of one hypothesis makes of it by the samples (n,)."""
+    carried = one_hypothesis(bank.state, bank.P, bank.head)
+    carry_bank(carried, later.kept.t_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
+    return apart(later.state(), carried.state[0], layout)
+
+
+def doubted(imu: ImuSamples, d: Float64, seconds: float) -> ImuSamples:
+    """Return the samples of the ``seconds`` before a reset that has made a step ``d`` of the state (n,).
 
     What the filter was off by at the reset had grown since the epoch that last fitted it. By what the samples are off
     is not known, so what they do not show counts as a motion that makes just such a step of one sigma.
 
     Equation: S_w = |d psi|^2 / T, S_f = max(|d v|^2 / T, 3 |d r|^2 / T^3), T the time since, for every axis
     """
-    carried = one_hypothesis(kept.bank.state, kept.bank.P, kept.bank.head)
-    carry_bank(carried, later.kept.t_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
-    d = apart(later.state(), carried.state[0], layout)
-    seconds = (later.kept.t_ns - kept.t_ns) / NS_PER_S
     r2, v2, psi2 = (float(d[at : at + 3] @ d[at : at + 3]) for at in (DR, DV, PSI))
     unknown = np.zeros((len(imu.t_ns), 2))
     unknown[: len(imu.unknown)] = imu.unknown
     unknown += [psi2 / seconds, max(v2 / seconds, 3.0 * r2 / seconds**3)]
-    return imu._replace(unknown=unknown), d
+    return imu._replace(unknown=unknown)
+
+
+def attitude_before(
+    bank: Bank, end_ns: int, smoothed: StateRecord, imu: ImuSamples, parameters: npt.NDArray[Any]
+) -> Float64:
+    """Return C_eb (3, 3) at a bank's time by the smoothed one at ``end_ns`` and the gyros.
+
+    Equation: C(t_0) = R^T C(t_1) C_a(t_1)^T R C_a(t_0), C_a any attitude that the gyros have carried from t_0 to t_1,
+              with the smoothed bias; R what the Earth has turned
+    """
+    first: Int64 = np.zeros(1, np.int64)
+    carried = one_hypothesis(bank.state[first], bank.P[first], bank.head)
+    carried.state[0].b_g[:] = smoothed.b_g
+    before = carried.state[0].C_eb.copy()
+    seconds = (end_ns - int(bank.head[0].now_ns)) / NS_PER_S
+    carry_bank(carried, end_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
+    R = rotation_matrix(np.array([0.0, 0.0, -WGS84_OMEGA_RADPS * seconds]))
+    return np.asarray(R.T @ smoothed.C_eb @ carried.state[0].C_eb.T @ R @ before)
 
 
 def with_clone(later: FilteredEpoch, e: Float64, P: Float64) -> tuple[Float64, Float64]:

@@ -108,8 +108,7 @@ def kept_over(kept: CarriedState | None, cut: Cut) -> CarriedState | None:
     if kept is None:
         return None
     first = kept.cut.next_ns == kept.cut.last_ns
-    rotation = cut.rotation if first else math.inf
-    return replace(kept, cut=Cut(kept.cut.last_ns, cut.next_ns, rotation))
+    return replace(kept, cut=cut if first else Cut(kept.cut.last_ns, cut.next_ns, math.inf))
 
 
 def is_violent(window: AlignmentWindow) -> bool:
@@ -279,6 +278,17 @@ def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) ->
     return StartHeading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
 
 
+def errors_in_a_gap(
+    m: StateRecord, par: Parameters, seconds: float, layout: Layout
+) -> tuple[list[int], Float64, Float64]:
+    """Return the indices of the sensors' errors (k,), what is left of each and the variance added over a gap."""
+    errors = [*range(BA, BG + 3), *layout.sensor_states]
+    keep, grown = np.ones(len(errors)), np.zeros(len(errors))
+    keep[:6] = np.repeat(bias_decays(m, par, seconds), 3)
+    grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
+    return errors, keep, grown
+
+
 def _carry_sensor_errors(
     kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
@@ -287,15 +297,11 @@ def _carry_sensor_errors(
     Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
-    further = layout.sensor_states
-    errors = [*range(BA, BG + 3), *further]
-    keep, grown = np.ones(len(errors)), np.zeros(len(errors))
+    errors, keep, grown = errors_in_a_gap(old, par, seconds, layout)
     m.failed[:] = old.failed
-    keep[:6] = np.repeat(bias_decays(old, par, seconds), 3)
-    grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
     cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g
-    for at in further:
+    for at in layout.sensor_states:
         m.optional[at - OFFSETS] = old.optional[at - OFFSETS]
     C_ne, attitude = level_axes(fix.r_a), slice(PSI, PSI + 3)
     tilt = C_ne.T @ TILT_OF_FORCE @ C_ne @ m.C_eb @ whole_error_rows(m, layout, "accelerometer", len(P))

@@ -1,0 +1,133 @@
+"""Over a gap in the inertial samples: from the filter that began after it to the one that ended before it.
+
+After a gap the filter begins anew from a fix. The samples between the first one after the gap and that fix lead back,
+without any filter: a step of Rauch, Tung and Striebel to an epoch of which nothing was known before (``first_sample``).
+The filter's transition depends on its own covariance, so that it learns no heading from noise; one that knows nothing
+would see no motion at all. There is no heading to be learnt on this way, so all of the motion counts in it.
+
+Over the gap the motion is that of a random walk of rate and specific force, as over a short gap that the filter
+bridges, so the place after it says where the vehicle was before (``last_sample``). With x the state before, y what the
+later filter makes of the state after and x^- the prediction of y,
+
+    x^s = x + A (y - x^-),  P^s = P + A (P_y - P^-) A^T,  A = P_x,y^- (P^-)^-1
+
+P^s is the covariance of x^s whatever part of x^- the later filter took over: the error of x^s is the residual of the
+regression on x^- and A times the error of y, and y knows of the residual neither by x^- nor by later data. After a
+long gap the sensors' errors alone are left, for a vehicle may be anywhere and turned anyhow. Of the clocks nothing
+is carried back: a receiver may have set them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.imu.inertial_stream import Cut
+from insgnss.filter.layout import Layout
+from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.smoothing.between import one_hypothesis, regression
+from insgnss.filter.smoothing.smoother_step import (
+    FilteredEpoch,
+    SmoothedEpoch,
+    attitude_before,
+    kept_as_opened,
+    one_back,
+    predicted,
+    step_of_state,
+)
+from insgnss.filter.start.carried_start import errors_in_a_gap
+from insgnss.filter.state import BG, DR, OFFSETS, Bank, StateRecord
+from insgnss.filter.update.closed_loop import close_loop
+from insgnss.tables import Float64
+
+_UNKNOWN: Final = 1e6  # times the variance that later data leave: what was known before adds a millionth
+_PASSES: Final = (
+    3  # each about the state that the one before it found; the second has moved it by less than 1e-6 sigma
+)
+_LONGEST_WAY_S: Final = 60.0  # over which a random walk of 1 m/s^2 per root second leaves 4 km
+
+
+def without_shown_motion(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the filter's numbers with which all motion counts, shown or not."""
+    all_of_it = parameters.copy()
+    all_of_it["motion_gate2"] = 0.0
+    return all_of_it
+
+
+def first_sample(
+    found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+) -> SmoothedEpoch:
+    """Return the first of a stretch's samples, smoothed by the first epoch ``found`` of the filter in it."""
+    later = found._replace(kept=found.kept._replace(anew=True))
+    bank = _about(found, imu, parameters)
+    for _ in range(_PASSES):
+        before = one_back(kept_as_opened(bank), later, imu, parameters, layout)
+        bank = one_hypothesis(bank.state, bank.P, bank.head)
+        close_loop(bank.state[0], before.e, len(before.e))
+    return before._replace(kept=before.kept._replace(anew=True))
+
+
+def _about(found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
+    """Return a filter at the first sample that knows nothing, about where the later state has come from."""
+    filtered, n = found.kept.bank, len(found.P)
+    bank = one_hypothesis(filtered.state, np.zeros_like(filtered.P), filtered.head)
+    m: StateRecord = bank.state[0]
+    bank.state[0] = found.state()
+    bank.head["now_ns"], bank.head["next"] = imu.t_ns[0], 1
+    m.C_eb[:] = attitude_before(bank, found.kept.t_ns, found.state(), imu, parameters)
+    seconds = (found.kept.t_ns - int(imu.t_ns[0])) / NS_PER_S
+    m.r_e[:] -= seconds * m.v_e
+    m.clock[0] -= seconds * m.clock[1]
+    bank.P[0, range(n), range(n)] = _UNKNOWN * np.diagonal(found.P)
+    return bank
+
+
+def last_sample(
+    kept: FilteredEpoch,
+    after: SmoothedEpoch,
+    cut: Cut,
+    imu: ImuSamples,
+    parameters: npt.NDArray[Any],
+    layout: Layout,
+) -> SmoothedEpoch:
+    """Return the last sample before a gap, where the filter is as ``kept``, smoothed by the first one ``after`` it."""
+    bank, seconds = kept.bank, (cut.next_ns - cut.last_ns) / NS_PER_S
+    q = bank.P.shape[1]
+    if cut.bridge is not None and seconds < _LONGEST_WAY_S:
+        way = one_hypothesis(bank.state, bank.P, bank.head)
+        way.head["next"] = 1
+        across = _across(cut, imu)
+        d = step_of_state(way, after, across, parameters, layout)
+        P, crosses = predicted(way, after.kept, across, parameters[0], q)
+        known = [*range(DR, BG + 3), *layout.sensor_states]
+        d, prior, cross = d[known], P[np.ix_(known, known)], crosses[:, known]
+    else:
+        known, left, grown = errors_in_a_gap(bank.state[0], parameters[0], seconds, layout)
+        cross = bank.P[0][:, known] * left
+        prior = left[:, None] * cross[known] + np.diag(grown)
+        d = _errors(after.state(), layout) - left * _errors(bank.state[0], layout)
+    gain, change = regression(cross, prior), after.P[np.ix_(known, known)] - prior
+    smoothed = bank.P[0] + gain @ change @ gain.T
+    return SmoothedEpoch(kept, gain @ d, 0.5 * (smoothed + smoothed.T), None)
+
+
+def _across(cut: Cut, imu: ImuSamples) -> ImuSamples:
+    """Return the last sample before a gap, the one that bridges it, and one like it at the first time after it."""
+    assert cut.bridge is not None
+    bridge, unknown = cut.bridge, np.zeros((3, 2))
+    unknown[1] = bridge.unknown
+    return ImuSamples(
+        np.array([cut.last_ns, bridge.t_ns, cut.next_ns]),
+        np.array([imu.w_ib_b[-1], bridge.w_ib_b, bridge.w_ib_b]),
+        np.array([imu.f_b[-1], bridge.f_b, bridge.f_b]),
+        unknown,
+    )
+
+
+def _errors(m: StateRecord, layout: Layout) -> Float64:
+    """Return the sensors' errors of a state, as ``errors_in_a_gap`` orders them."""
+    further = [m.optional[at - OFFSETS] for at in layout.sensor_states]
+    return np.concatenate([m.b_a, m.b_g, further])
