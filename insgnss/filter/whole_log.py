@@ -142,12 +142,6 @@ def run_blocks(
                 navigator.run(part, rows, begin, end, written)
         _after_the_epochs(navigator, part, further, no_rows, out)
         found |= navigator.own
-        if navigator.bank is not None and (len(times) or len(room.times_ns)):
-            if further is not None:
-                RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)
-            else:
-                work = navigator.workspace(no_rows)
-                run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         if filtered is not None:
             filtered.append(out.nav[first : out.counts[0].nav].copy())
         if smoother is not None and navigator.started_ns is not None:
@@ -180,13 +174,20 @@ def _refuse_shared_states(setup: FilterSetup, *, smooth: bool) -> None:
 def _after_the_epochs(
     navigator: Navigator, part: ImuSamples, further: PointColumnValues | None, no_rows: GnssRows, out: Output
 ) -> None:
-    """Use the own rows up to the end of a stretch; without raw GNSS data the filter is opened here."""
+    """Use the own rows up to the end of a stretch and write its last rows; without raw GNSS data it is opened here."""
     if navigator.setup.start_alone is not None:
         _open_alone(navigator, navigator.setup, part)
     if further is not None:
         RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
     else:
         navigator.use_own_rows(part, no_rows, int(part.t_ns[-1]), out)
+    if navigator.bank is None or not (len(out.times_ns) or len(out.trace.times_ns)):
+        return
+    if further is not None:
+        RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)
+    else:
+        work = navigator.workspace(no_rows)
+        run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
 
 
 def _open_alone(navigator: Navigator, setup: FilterSetup, part: ImuSamples) -> None:

@@ -44,7 +44,10 @@ _TOLERANCE_S: Final = 1e-6
 _ADVICE: Final = (
     "replay(..., output=times) carries the filter itself to each time; so do rows at a higher rate"
 )
-_NO_FILTER: Final = "the inertial samples have a gap there, or the filter restarted: no replay gives a row"
+_NO_FILTER: Final = (
+    "the inertial samples have a gap there, or the filter restarted: only a smoothed replay has rows before the next"
+    " fix, and none without samples"
+)
 
 
 class RefusedTimes(NamedTuple):

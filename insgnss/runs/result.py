@@ -7,7 +7,7 @@
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi cn0_dbhz state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
-| filtered       | row of nav, of a smoothed run, up to the last epoch of each stretch | time_s, position, velocity and attitude with sd_* as the filter had them |
+| filtered       | row of nav, of a smoothed run, where the filter had one | time_s, position, velocity and attitude with sd_* as the filter had them |
 | imu            | stretch of the inertial log | time_s, smallest and largest rate and specific force of each axis |
 | imu_spectrum   | frequency   | frequency_hz, amplitude spectral density of each axis |
 | aiding         | output time of the aiding and satellite above the horizon | time_s sv range_rate_mps range_acceleration_mps2 range_jerk_mps3 doppler_hz doppler_rate_hz_per_s pseudorange_m code_delay_rate_s_per_s, sd_* of each, age_s |

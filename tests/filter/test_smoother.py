@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 import insgnss
+from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.setup import FilterSetup
+from insgnss.filter.smoothing.across_gap import first_sample, without_shown_motion
+from insgnss.filter.smoothing.between import one_hypothesis
 from insgnss.filter.smoothing.smoother import FilteredEpoch, Smoother
+from insgnss.filter.smoothing.smoother_step import last_of_all, predicted, step_of_state
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
@@ -135,6 +139,35 @@ def test_clock_that_stepped_tells_nothing_of_the_clock_before() -> None:
     filtered = smoother.kept[59].bank.P[0]
     assert stepped[59][2][clock] > plain[59][2][clock]
     assert stepped[59][2][position] < 0.9 * filtered[position]  # the rest is smoothed across the step
+
+
+def test_way_back_to_a_first_sample_is_the_transition_inverted() -> None:
+    """Of a filter that began at an epoch, the samples before it give P(t_0) = Phi^-1 (P + Q) Phi^-T and its state."""
+    log, smoother, _ = flown(matched_simulator(), matched_setup(), 3)
+    navigator, at = smoother.navigator, smoother.kept[60]
+    parameters, layout = without_shown_motion(navigator.parameters), navigator.setup.layout
+    before = int(np.searchsorted(log.imu.t_ns, at.t_ns - 3 * NS_PER_S))
+    imu = ImuSamples(*(column[before:] for column in (log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)))
+    found, n = last_of_all(at, layout), OFFSETS + layout.n_values
+
+    first = first_sample(found, imu, parameters, layout)
+
+    left = step_of_state(
+        one_hypothesis(first.state().reshape(1), at.bank.P, first.kept.bank.head),
+        found,
+        imu,
+        parameters,
+        layout,
+    )
+    assert (np.abs(left) < 1e-4 * np.sqrt(np.diagonal(found.P))).all()
+    known = first.kept.bank._replace(P=1e-6 * np.eye(at.bank.P.shape[1])[None])
+    carried, cross = predicted(known, at, imu, parameters[0], n)
+    Phi = 1e6 * cross[:, :n].T
+    back = np.linalg.inv(Phi)
+    Q = carried[:n, :n] - 1e-6 * Phi @ Phi.T
+    expected = back @ (found.P + Q) @ back.T
+    sigma = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(first.P / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-4)
 
 
 def test_replay_smooths_the_sample_flight() -> None:

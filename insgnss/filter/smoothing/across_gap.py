@@ -1,20 +1,20 @@
 """Over a gap in the inertial samples: from the filter that began after it to the one that ended before it.
 
-After a gap the filter begins anew from a fix. The samples between the first one after the gap and that fix lead back,
+After a gap the filter starts again from a fix. The samples between the first one after the gap and that fix lead back,
 without any filter: a step of Rauch, Tung and Striebel to an epoch of which nothing was known before (``first_sample``).
 The filter's transition depends on its own covariance, so that it learns no heading from noise; one that knows nothing
 would see no motion at all. There is no heading to be learnt on this way, so all of the motion counts in it.
 
-Over the gap the motion is that of a random walk of rate and specific force, as over a short gap that the filter
-bridges, so the place after it says where the vehicle was before (``last_sample``). With x the state before, y what the
-later filter makes of the state after and x^- the prediction of y,
+Over the gap the motion counts as a random walk of rate and specific force, as over a short gap that the filter bridges.
+So the place after the gap shows where the vehicle was before it (``last_sample``). With x the state before, y the later
+filter's estimate of the state after, and y^- its prediction from x,
 
-    x^s = x + A (y - x^-),  P^s = P + A (P_y - P^-) A^T,  A = P_x,y^- (P^-)^-1
+    x^s = x + A (y - y^-),  P^s = P + A (P_y - P^-) A^T,  A = P_x,y^- (P^-)^-1
 
-P^s is the covariance of x^s whatever part of x^- the later filter took over: the error of x^s is the residual of the
-regression on x^- and A times the error of y, and y knows of the residual neither by x^- nor by later data. After a
-long gap the sensors' errors alone are left, for a vehicle may be anywhere and turned anyhow. Of the clocks nothing
-is carried back: a receiver may have set them.
+P^s is the covariance of x^s, whatever part of y^- the later filter took over: the error of x^s is the residual of the
+regression of x on y^-, plus A times the error of y. That residual is independent of y^- and of all later data, and y
+follows from these alone. After a long gap only the sensors' errors count, for the vehicle may be anywhere. Of the
+clocks nothing is carried back: a receiver may have set them.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from insgnss.filter.update.closed_loop import close_loop
 from insgnss.tables import Float64
 
 _UNKNOWN: Final = 1e6  # times the variance that later data leave: what was known before adds a millionth
-_PASSES: Final = (
+_PASSES_BACK: Final = (
     3  # each about the state that the one before it found; the second has moved it by less than 1e-6 sigma
 )
 _LONGEST_WAY_S: Final = 60.0  # over which a random walk of 1 m/s^2 per root second leaves 4 km
@@ -63,7 +63,7 @@ def first_sample(
     """Return the first of a stretch's samples, smoothed by the first epoch ``found`` of the filter in it."""
     later = found._replace(kept=found.kept._replace(anew=True))
     bank = _about(found, imu, parameters)
-    for _ in range(_PASSES):
+    for _ in range(_PASSES_BACK):
         before = one_back(kept_as_opened(bank), later, imu, parameters, layout)
         bank = one_hypothesis(bank.state, bank.P, bank.head)
         close_loop(bank.state[0], before.e, len(before.e))

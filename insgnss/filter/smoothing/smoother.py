@@ -17,8 +17,8 @@ as they left it, two filters of one time.
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
 while: from the last epoch that fitted it to the reset the samples count as so unsure that the step is one sigma of
-theirs, and of the clock nothing is carried back. A gap in the samples after which the filter began anew has a step of
-its own (``across_gap``). Smoothing stops where the filter was given up while the samples went on.
+theirs, and of the clock nothing is carried back. A gap in the samples after which the filter started again has a step
+of its own (``across_gap``). Smoothing stops where the filter was given up while the samples went on.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class Smoother:
         if opened is not None and not self._opened:
             self._open(opened)
         if self._began_ns is None:
-            self._began_ns = int(bank.head[0].now_ns)
+            self._began_ns = self.navigator.started_ns
         if self._phase is None and len(bank.state) == 1:
             fits = self.kept[-1].fits if self.kept else True
             self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
@@ -158,7 +158,7 @@ class Smoother:
 
     def _open(self, opened: Bank) -> None:
         """Keep a given start, at which there is no epoch."""
-        self._opened, self._began_ns = True, int(opened.head[0].now_ns)
+        self._opened = True
         if len(opened.state) > 1:
             self._phase = OpenPhase(opened, linked=False)
         else:
@@ -169,7 +169,7 @@ class Smoother:
         """Keep the filter at its last sample, after which a ``cut`` comes, if it is one that later data may smooth."""
         bank, parameters = self.navigator.bank, self.navigator.parameters
         is_one = bank is not None and len(bank.state) == 1 and self._phase is None
-        if bank is None or not (is_one and self._linked and self.kept[-1].fits):
+        if bank is None or not (is_one and self._linked):
             return
         last = one_hypothesis(bank.state, bank.P, bank.head)
         scratch = new_scratch(last.P.shape[1])

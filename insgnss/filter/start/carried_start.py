@@ -281,7 +281,7 @@ def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) ->
 def errors_in_a_gap(
     m: StateRecord, par: Parameters, seconds: float, layout: Layout
 ) -> tuple[list[int], Float64, Float64]:
-    """Return the indices of the sensors' errors (k,), what is left of each and the variance added over a gap."""
+    """Return the sensors' errors (k,) by index, the share of each that remains and the variance added over a gap."""
     errors = [*range(BA, BG + 3), *layout.sensor_states]
     keep, grown = np.ones(len(errors)), np.zeros(len(errors))
     keep[:6] = np.repeat(bias_decays(m, par, seconds), 3)
