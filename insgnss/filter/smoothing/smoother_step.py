@@ -150,7 +150,7 @@ def doubt_what_jumped(prior: Float64, d: Float64) -> None:
 def step_of_state(
     bank: Bank, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> Float64:
-    """Return a smoothed state minus what a bank of one hypothesis makes of it by the samples (n,)."""
+    """Return a smoothed state minus that to which the samples carry a bank of one hypothesis (n,)."""
     carried = one_hypothesis(bank.state, bank.P, bank.head)
     carry_bank(carried, later.kept.t_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
     return apart(later.state(), carried.state[0], layout)
