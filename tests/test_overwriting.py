@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
+from insgnss.log.declared import LogDeclarations
+from insgnss.log.detect import Format, beginning
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver_files import read_receiver
+from tests.log.ubx_writing import TOW_S, rawx
 from tests.small_run import small_run
 
 SAMPLE = Path(__file__).resolve().parents[1] / "data" / "sample_flight"
@@ -84,6 +90,51 @@ def test_conversion_takes_no_file_of_the_user(tmp_path: Path) -> None:
     assert (tmp_path / "gnss_obs.csv").read_text() == "mine"
     assert ended("convert", rover, "--output", tmp_path / "new")[0] == 0
     assert ended("convert", rover, "--output", tmp_path / "new")[0] == 0
+
+
+def rover_log(path: Path) -> Path:
+    """Return a log in UBX that is longer than the part by which its format is known, without inertial samples."""
+    path.write_bytes(b"".join(rawx(TOW_S + k) for k in range(6000)))
+    assert path.stat().st_size > len(beginning(path))
+    return path
+
+
+def test_foreign_file_stops_a_conversion_before_the_whole_log_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_a_part(kind: Format, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
+        assert all(path.stat().st_size < log.stat().st_size for path in paths), "a whole log was read"
+        return read_receiver(kind, paths, declared)
+
+    log, out = rover_log(tmp_path / "rover.ubx"), tmp_path / "out"
+    out.mkdir()
+    (out / "gnss_obs.csv").write_text("mine")
+    monkeypatch.setattr("insgnss.log.convert.read_receiver", read_a_part)
+    code, told = ended("convert", log, "--output", out)
+    assert code == 5 and "gnss_obs.csv" in told and "--force" in told
+    assert [path.read_text() for path in out.iterdir()] == ["mine"]
+
+
+def test_conversion_leaves_foreign_files_that_it_does_not_write(tmp_path: Path) -> None:
+    log, out = rover_log(tmp_path / "rover.ubx"), tmp_path / "out"
+    out.mkdir()
+    (out / "imu.csv").write_text("mine")
+    code, told = ended("convert", log, "--output", out)
+    assert code == 0 and (out / "gnss_obs.csv").exists(), told
+    assert (out / "imu.csv").read_text() == "mine"
+
+
+def test_existing_file_stops_a_check_that_writes_before_it_begins(
+    flight: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_work(*_: object, **__: object) -> None:
+        raise AssertionError("the command began its work")
+
+    monkeypatch.setattr("insgnss.runs.check.examine", no_work)
+    code, told = ended("check", flight, "--write", flight)
+    assert code == 5 and "exists already" in told
+    code, told = ended("check", flight, "--write", flight.parent / "none" / "new.toml")
+    assert code == 5 and "missing" in told
 
 
 @pytest.mark.parametrize("command", ["report", "compare", "consistency"])

@@ -36,12 +36,15 @@ def check(
     with own_errors_told():
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.checks import write_corrected
+        from insgnss.log.checks.corrected_file import check_new_file
         from insgnss.log.flight import Flight
         from insgnss.runs.check import examine
         from insgnss.runs.installation import installation_findings
         from insgnss.runs.result import Run
 
         began = time.perf_counter()
+        if write is not None:
+            check_new_file(write)
         loaded = Flight.load(flight)
         of_run = [] if run is None else installation_findings(Run.load(run), loaded.config)
         with telling("reading and checking") as tell:

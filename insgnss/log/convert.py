@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from insgnss.constants import NS_PER_WEEK
-from insgnss.errors import InputError, ResultError
+from insgnss.errors import InputError, InsGnssError, ResultError
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv, write_samples_csv
 from insgnss.log.declared import LogDeclarations
-from insgnss.log.detect import Format, detect_format
+from insgnss.log.detect import Format, beginning, detect_format
 from insgnss.log.first_flight_file import (
     FIXES_FILE,
     FLIGHT_FILE,
@@ -29,8 +31,10 @@ from insgnss.log.phone_states import states_beside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.nav_writer import write_rinex_navigation
-from insgnss.results.saving import overwriting, saving
+from insgnss.results.saving import check_replaceable, check_writable, overwriting, saving
 from insgnss.tables import Event
+
+_KIND: Final = "conversion"
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,11 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         formats do not fit together
     ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
+    declared = LogDeclarations() if declared is None else declared
     formats = tuple((path, detect_format(path)) for path in inputs)
-    log, events = _read(formats, LogDeclarations() if declared is None else declared)
+    with overwriting(False, inputs):
+        _check_output(formats, declared, output)
+    log, events = _read(formats, declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
     navigation, found = with_files(log.navigation, navigation_files, log.gnss.sat is not None)
     events += found
@@ -82,7 +89,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     try:
         with (
             overwriting(False, inputs),
-            saving(output, [name for name in names if name not in there], "conversion") as new,
+            saving(output, [name for name in names if name not in there], _KIND) as new,
         ):
             for name in set(copies) - set(there):
                 shutil.copyfile(copies[name], new / name)
@@ -94,6 +101,53 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         raise ResultError(f"cannot be written: {error}", file=output) from error
     written = tuple(output / name for name in names)
     return Conversion(formats, log, tuple(events), messages, written, kept)
+
+
+def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations, output: Path) -> None:
+    """Refuse an output folder with a file of another program that the conversion would replace, before long reading.
+
+    The content of a log decides which files it becomes. If the folder holds files, the beginnings of the logs are read
+    first: the whole logs become at least the files that the beginnings become.
+
+    Raises
+    ------
+    ResultError : the folder cannot be written, or there is such a file
+    """
+    check_writable(output)
+    if not output.is_dir():
+        return
+    try:
+        if not any(output.iterdir()):
+            return
+        log = _read_beginnings(formats, declared)
+    except (InsGnssError, OSError):  # whether the whole logs can be read is checked when they are
+        return
+    if log.navigation is not None and not log.navigation.has_messages:
+        log = replace(log, navigation=None)
+    log = replace(log, fixes=None if len(log.gnss.t_ns) else log.fixes)
+    copies = _copies([path for path, kind in formats if kind == "rinex_navigation"], log)
+    names = [
+        name
+        for name in _names(log, copies)
+        if name not in copies or not _is_same(copies[name], output / name)
+    ]
+    check_replaceable(output, names, _KIND)
+
+
+def _read_beginnings(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations) -> ReceiverLog:
+    """Return what the first bytes of the logs hold.
+
+    Raises
+    ------
+    InputError or a subclass : they hold nothing that can be used
+    OSError : they cannot be copied
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        copies: list[tuple[Path, Format]] = []
+        for path, kind in formats:
+            copies.append((Path(folder) / f"{len(copies)}", kind))
+            copies[-1][0].write_bytes(beginning(path))
+        return _read(copies, declared)[0]
 
 
 def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:

@@ -72,8 +72,7 @@ def detect_format(path: Path) -> Format:
     MissingFileError : no such file
     InputError : no format that is known; the advice says what the file looks like
     """
-    buffer = file_buffer(path)
-    data = bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
+    data = beginning(path)
     for kind, magic in _MAGIC.items():
         if data.startswith(magic):
             return kind
@@ -108,6 +107,17 @@ def detect_format(path: Path) -> Format:
         file=path,
         advice=f"{_looks_like(data)}; supported: {', '.join(NAMES.values())}",
     )
+
+
+def beginning(path: Path) -> bytes:
+    """Return the first bytes of a file (plain or packed), more than a second of any receiver.
+
+    Raises
+    ------
+    MissingFileError, InputError : no such file, or it cannot be read
+    """
+    buffer = file_buffer(path)
+    return bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
 
 
 def _no_log(path: Path, what: str, key: str) -> InputError:

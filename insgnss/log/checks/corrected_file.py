@@ -77,6 +77,21 @@ def corrected_text(flight: Flight, proposals: Iterable[Proposal], folder: Path) 
     return tomlkit.dumps(document)
 
 
+def check_new_file(path: Path) -> None:
+    """Refuse a corrected flight file that exists or cannot be made; the command asks before it begins to work.
+
+    Raises
+    ------
+    ResultError : there is such a file already, or nothing can be written in its folder
+    """
+    if os.path.lexists(path):
+        raise ResultError(
+            "the file exists already", file=path, advice="give another name: nothing is overwritten"
+        )
+    if not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK | os.X_OK):
+        raise ResultError("its folder is missing or cannot be written", file=path, advice="give another name")
+
+
 def write_corrected(flight: Flight, proposals: Iterable[Proposal], path: Path) -> Path:
     """Write the corrected flight file; return its path.
 
@@ -84,10 +99,7 @@ def write_corrected(flight: Flight, proposals: Iterable[Proposal], path: Path) -
     ------
     ResultError : there is such a file already, or it cannot be written
     """
-    if path.exists():
-        raise ResultError(
-            "the file exists already", file=path, advice="give another name: nothing is overwritten"
-        )
+    check_new_file(path)
     text = corrected_text(flight, proposals, path.absolute().parent)
     try:
         path.write_text(text, encoding="utf-8")
