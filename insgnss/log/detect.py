@@ -9,7 +9,7 @@ from typing import Final, Literal
 from insgnss.errors import InputError
 from insgnss.log.android.lines import RAW_TABLE
 from insgnss.log.csv.dialect import UTF16_MARKS
-from insgnss.log.files import file_buffer
+from insgnss.log.files import first_bytes
 from insgnss.log.messages.bits import crc24q
 from insgnss.log.nmea import nmea_bytes
 from insgnss.log.novatel.frames import NovatelFrames
@@ -116,8 +116,7 @@ def beginning(path: Path) -> bytes:
     ------
     MissingFileError, InputError : no such file, or it cannot be read
     """
-    buffer = file_buffer(path)
-    return bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
+    return first_bytes(path, _LOOKED_AT)
 
 
 def _no_log(path: Path, what: str, key: str) -> InputError:

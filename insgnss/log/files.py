@@ -6,6 +6,7 @@ import gzip
 import os
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -68,6 +69,23 @@ def file_buffer(path: Path) -> pa.Buffer:
         ) from error
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def first_bytes(path: Path, most: int) -> bytes:
+    """Return up to ``most`` bytes from the beginning of a file; of a gzip file no more is unpacked.
+
+    Raises
+    ------
+    MissingFileError, InputError : as ``file_buffer``
+    """
+    existing_file(path)
+    with suppress(OSError, EOFError, zlib.error), gzip.open(path) as stream:
+        data = stream.read(most)
+        if data:
+            return data
+    # another packing or none, or a damaged file, of which this says what is wrong
+    buffer = file_buffer(path)
+    return bytes(buffer.slice(0, min(len(buffer), most)).to_pybytes())
 
 
 def _from_archive(path: Path) -> pa.Buffer:

@@ -27,6 +27,7 @@ from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
+from insgnss.log.stated_format import with_stated_format
 from insgnss.results.shown import ResultDisplay
 from insgnss.tables import (
     Event,
@@ -76,7 +77,7 @@ class Flight(ResultDisplay):
 
     @classmethod
     def load(cls, path: str | Path) -> Flight:
-        """Read and check a flight file; no log is opened yet, except for the week where ``gps_week`` is left out.
+        """Read and check a flight file; of its logs only what it leaves out is read: the format, the week.
 
         Raises
         ------
@@ -85,7 +86,7 @@ class Flight(ResultDisplay):
         ModelError : the grade or the oscillator is not in the library
         """
         path = Path(path)
-        config = _with_absolute_paths(load_toml(path, FlightConfig), path.absolute().parent)
+        config = _resolved(load_toml(path, FlightConfig), path.absolute().parent)
         grade = _UNUSED_GRADE if config.imu is None else config.imu.grade
         clock = config.gnss.oscillator
         folder = (path.absolute().parent,)
@@ -244,8 +245,8 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
     return int(t_ns[0]) // NS_PER_WEEK
 
 
-def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
-    """Return the settings with every path counted from the flight file's folder."""
+def _resolved(config: FlightConfig, folder: Path) -> FlightConfig:
+    """Return the settings with every path counted from the flight file's folder, and the formats that logs state."""
 
     def absolute(path: Path) -> Path:
         return Path(os.path.normpath(folder / path))
@@ -261,13 +262,15 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
             "antennas": config.gnss.antennas and absolute(config.gnss.antennas),
             "receiver_events": config.gnss.receiver_events and absolute(config.gnss.receiver_events),
             "base": config.gnss.base
-            and config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))}),
+            and with_stated_format(
+                config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))})
+            ),
         }
     )
     sensors = tuple(
         sensor.model_copy(update={"files": tuple(map(absolute, sensor.files))}) for sensor in config.sensor
     )
-    update: dict[str, object] = {"imu": imu, "gnss": gnss, "sensor": sensors}
+    update: dict[str, object] = {"imu": imu, "gnss": with_stated_format(gnss), "sensor": sensors}
     if config.attitude is not None:
         antennas = tuple(
             antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))})

@@ -21,10 +21,11 @@ from insgnss.gnss.signals import is_rinex_code
 from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import ColumnSelection, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
-from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.observations import read_rinex_obs
+from insgnss.log.stated_format import read_table
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band
@@ -74,7 +75,7 @@ def _read_rinex(config: Gnss) -> tuple[GnssTable, list[Event]]:
 
 def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> tuple[GnssTable, list[Event]]:
     names = config.columns
-    table = read_csv_table(path, wanted_with_time(config, _wanted(names)))
+    table = read_table(path, wanted_with_time(config, _wanted(names)), of_gnss=True)
     t_ns, rows, timing = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))

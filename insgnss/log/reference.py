@@ -11,9 +11,10 @@ from insgnss.config.flight import Reference
 from insgnss.errors import ColumnError, InputError
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
-from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
 from insgnss.log.own_solution import on_earth
+from insgnss.log.stated_format import read_table
 from insgnss.tables import Event, Int64, ReferenceTable
 
 
@@ -40,7 +41,7 @@ def read_reference(
         chosen=(*names.chosen_names(), *needed),
         elsewhere=shared.get(config.file, ()),
     )
-    table = read_csv_table(config.file, wanted_with_time(config, wanted))
+    table = read_table(config.file, wanted_with_time(config, wanted))
     t_ns, rows, events = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
     possible, impossible = _possible_rows(table, config)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
 import zipfile
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import ncompress
 import pytest
 
 from insgnss.errors import InputError
-from insgnss.log.files import byte_stream, file_buffer, file_text
+from insgnss.log.files import byte_stream, file_buffer, file_text, first_bytes
 
 TEXT = "time_s,x,y,name\n1,2,3,a\n"
 # compress 4.2.4 of Debian: printf 'time_s,x,y,name\\n1,2,3,a\\n' | compress -c | xxd -p
@@ -61,6 +62,20 @@ def test_file_that_grows_beyond_belief_is_refused(tmp_path: Path, pack: Callable
     path = written(tmp_path, pack(bytes(80_000_000)))
     with pytest.raises(InputError, match="more than 100 times its size"):
         file_buffer(path)
+
+
+@pytest.mark.parametrize("pack", PACKERS.values(), ids=PACKERS)
+def test_first_bytes_are_those_of_the_unpacked_file(tmp_path: Path, pack: Callable[[bytes], bytes]) -> None:
+    assert first_bytes(written(tmp_path, pack(TEXT.encode())), 6) == b"time_s"
+    assert first_bytes(written(tmp_path, TEXT.encode()), 6) == b"time_s"
+
+
+def test_gzip_file_damaged_behind_its_first_bytes_gives_these_alone(tmp_path: Path) -> None:
+    noise = b"".join(hashlib.sha256(bytes([k])).digest() for k in range(256)) * 100
+    cut = written(tmp_path, gzip.compress(noise)[:-20])
+    assert first_bytes(cut, 100) == noise[:100]
+    with pytest.raises(InputError, match="cut short"):
+        first_bytes(cut, len(noise))
 
 
 def test_the_one_file_of_an_archive_is_read(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from insgnss.log.imu.increment_steps import increment_intervals
 from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.log.imu.units import check_units
+from insgnss.log.stated_format import read_table
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
@@ -210,7 +211,7 @@ def _read_file(
     (gyro, accel), (week, previous_ns) = names, after
     wanted = ColumnSelection(numeric=(*gyro, *accel), elsewhere=elsewhere)
     try:
-        table = read_csv_table(path, wanted_with_time(config, wanted))
+        table = read_table(path, wanted_with_time(config, wanted))
     except ColumnError as error:
         if not gyro or not accel or not _has_one_sensor(config, path):
             raise

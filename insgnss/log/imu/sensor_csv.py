@@ -29,9 +29,10 @@ from insgnss.geodesy.local_level import geodetic
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
-from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
+from insgnss.log.stated_format import read_table
 from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
@@ -70,7 +71,7 @@ def read_sensor(
     for path in config.files:
         elsewhere = shared.get(path, ())
         wanted = replace(wanted_with_time(config, _wanted(config)), elsewhere=elsewhere)
-        table = read_csv_table(path, wanted)
+        table = read_table(path, wanted)
         t_ns, rows, found = gps_times(table, config, week)
         table = table if rows is None else table.take(rows)
         if set(elsewhere) - set(config.columns.all_names()):
