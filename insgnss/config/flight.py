@@ -334,7 +334,9 @@ class FlightConfig(StrictModel):
             (sensor.columns, sensor.files) for sensor in self.sensor
         ]
         tables += [] if self.imu is None else [(self.imu.columns, self.imu.every_file)]
-        tables += [(self.gnss.columns, self.gnss.files)]
+        base, antennas = self.gnss.base, () if self.attitude is None else self.attitude.antenna
+        tables += [(self.gnss.columns, files) for files in (self.gnss.files, *(a.files for a in antennas))]
+        tables += [] if base is None else [(base.columns, base.files)]
         tables += [] if self.reference is None else [(self.reference.columns, (self.reference.file,))]
         found: dict[Path, tuple[str, ...]] = {}
         for columns, files in tables:

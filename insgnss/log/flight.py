@@ -136,7 +136,8 @@ class Flight(ResultDisplay):
         """Return the GNSS log and its satellite data; empty where the flight has position fixes alone."""
         if not self.config.gnss.files:
             return without_gnss()
-        return read_gnss_logs(self.config.gnss, self.config.gps_week, self.path)
+        config = self.config
+        return read_gnss_logs(config.gnss, config.gps_week, self.path, config.columns_by_file())
 
     def _checked_logs(self, imu: ImuTable, logs: GnssLogs, events: list[Event]) -> FlightLogs:
         """Hold both logs against each other and read the reference."""

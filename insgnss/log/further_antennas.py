@@ -37,7 +37,7 @@ def read_further_antenna(
 ) -> tuple[GnssTable, list[Event]]:
     """Return the observations of one antenna; errors as ``read_further_antennas``."""
     own = {"files": antenna.files, "format": antenna.format or config.gnss.format}
-    log = read_receiver(config.gnss.model_copy(update=own), config.gps_week)
+    log = read_receiver(config.gnss.model_copy(update=own), config.gps_week, config.columns_by_file())
     require_carrier(log.gnss, f"the log of antenna '{antenna.name}'", antenna.files[0])
     _require_overlap(config, antenna, log.gnss, main)
     channels = log.gnss.glonass_channels | config.gnss.glonass_channels

@@ -6,7 +6,7 @@ Both forms are read: with satellite states in the row, or with a navigation file
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -19,7 +19,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.signals import is_rinex_code
 from insgnss.gnss.table_joining import joined
-from insgnss.log.csv.columns import ColumnSelection, TextColumn
+from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
@@ -38,13 +38,14 @@ _WRITE_CODES: Final = "write RINEX codes such as C1C (GPS L1 C/A, Galileo E1), C
 _CODE: Final = re.compile(r"[CLDS]?(\d[A-Z])")
 
 
-def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
+def read_gnss(config: Gnss, week: int, shared: FileColumns = NOTHING_SHARED) -> tuple[GnssTable, list[Event]]:
     """Read a GNSS log of one or several files, CSV or RINEX observation.
 
     Parameters
     ----------
     config : the flight file's entry, paths resolved
     week : GPS week that the seconds of the week count from
+    shared : columns that all logs of the flight read, by file
 
     Raises
     ------
@@ -56,7 +57,7 @@ def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
     events: list[Event] = []
     for path in config.files:
         previous = int(parts[-1].t_ns[-1]) if parts and len(parts[-1].t_ns) else None
-        part, found = _read_file(config, path, week, previous)
+        part, found = _read_file(config, path, week, previous, shared.get(path, ()))
         parts.append(part)
         events += found
     parts, unused = _states_of_one_source(parts, config)
@@ -73,9 +74,12 @@ def _read_rinex(config: Gnss) -> tuple[GnssTable, list[Event]]:
     return table, events
 
 
-def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> tuple[GnssTable, list[Event]]:
+def _read_file(
+    config: Gnss, path: Path, week: int, previous_ns: int | None, elsewhere: Sequence[str]
+) -> tuple[GnssTable, list[Event]]:
     names = config.columns
-    table = read_table(path, wanted_with_time(config, _wanted(names)), of_gnss=True)
+    wanted = replace(wanted_with_time(config, _wanted(names)), elsewhere=elsewhere)
+    table = read_table(path, wanted, of_gnss=True)
     t_ns, rows, timing = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))

@@ -16,6 +16,7 @@ from insgnss.errors import ConfigError, InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android.reader import read_android
+from insgnss.log.csv.columns import NOTHING_SHARED, FileColumns
 from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
@@ -41,17 +42,20 @@ class GnssLogs:
     events: list[Event]
 
 
-def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
+def read_gnss_logs(
+    config: Gnss, week: int, flight_file: Path, shared: FileColumns = NOTHING_SHARED
+) -> GnssLogs:
     """Read the GNSS log of a flight and its satellite data.
 
-    Messages in a receiver's own file are used together with those of the navigation files.
+    Messages in a receiver's own file are used together with those of the navigation files. ``shared`` are the columns
+    that all logs of the flight read, by file.
 
     Raises
     ------
     InputError or a subclass : a file is missing or cannot be read
     NavigationDataError : there is nothing that says where the satellites were, or it is of another day
     """
-    log = read_receiver(config, week)
+    log = read_receiver(config, week, shared)
     gnss, events = log.gnss, list(log.events)
     if config.glonass_channels:
         gnss = replace(gnss, glonass_channels=gnss.glonass_channels | config.glonass_channels)
@@ -75,7 +79,7 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     if gnss.sat is None and navigation is not None and messages and products is None:
         events += check_navigation_time(navigation, gnss.t_ns, config.navigation or config.files)
     if config.base is not None:
-        of_base = read_base(config.base, week)
+        of_base = read_base(config.base, week, shared)
         channels = of_base.gnss.glonass_channels | config.glonass_channels
         base = replace(of_base.gnss, glonass_channels=channels)
         events += [replace(event, detail=f"base: {event.detail}") for event in of_base.events]
@@ -90,7 +94,7 @@ def without_gnss() -> GnssLogs:
     return GnssLogs(table, None, None, None, None, [])
 
 
-def read_receiver(config: Gnss, week: int) -> ReceiverLog:
+def read_receiver(config: Gnss, week: int, shared: FileColumns = NOTHING_SHARED) -> ReceiverLog:
     """Read the observations in the format that the flight file names, range rates with their standard sign.
 
     Raises
@@ -101,7 +105,7 @@ def read_receiver(config: Gnss, week: int) -> ReceiverLog:
     if not config.files:
         advice = "give [gnss] with its files; 'insgnss replay' runs on position fixes alone"
         raise ConfigError("the flight has no raw GNSS data", key="gnss.files", advice=advice)
-    log = _read_format(config, week)
+    log = _read_format(config, week, shared)
     if config.rate_sign == "standard":
         return log
     return replace(log, gnss=reversed_rates(log.gnss))
@@ -112,9 +116,9 @@ def reversed_rates(gnss: GnssTable) -> GnssTable:
     return replace(gnss, doppler_hz=-gnss.doppler_hz, range_rate_mps=-gnss.range_rate_mps)
 
 
-def _read_format(config: Gnss, week: int) -> ReceiverLog:
+def _read_format(config: Gnss, week: int, shared: FileColumns) -> ReceiverLog:
     if config.format in ("csv", "rinex"):
-        gnss, events = read_gnss(config, week)
+        gnss, events = read_gnss(config, week, shared)
         return ReceiverLog(gnss, events=events)
     log = _whole(config.files, _READERS[config.format])
     events = list(log.events)
@@ -132,10 +136,10 @@ def _read_format(config: Gnss, week: int) -> ReceiverLog:
     return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)
 
 
-def read_base(config: Base, week: int) -> ReceiverLog:
+def read_base(config: Base, week: int, shared: FileColumns = NOTHING_SHARED) -> ReceiverLog:
     """Read the base station's observations."""
     written = {name: getattr(config, name) for name in ObservationLog.model_fields}
-    return read_receiver(Gnss(**written), week)
+    return read_receiver(Gnss(**written), week, shared)
 
 
 def _with_samples_told(log: ReceiverLog, path: Path) -> ReceiverLog:

@@ -238,10 +238,11 @@ def read_logs(flight: Flight) -> FlightLogs:
     InputError or a subclass : a log is missing or unreadable
     """
     config = flight.config
-    logs = read_gnss_logs(config.gnss, config.gps_week, flight.path)
+    shared = config.columns_by_file()
+    logs = read_gnss_logs(config.gnss, config.gps_week, flight.path, shared)
     events, reference = logs.events + refused_messages(logs.navigation), None
     if config.reference is not None:
-        reference, found = read_reference(config.reference, config.gps_week, config.columns_by_file())
+        reference, found = read_reference(config.reference, config.gps_week, shared)
         events += found
     imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     hashes = {str(path): sha256(path) for path in flight.files() if path not in flight.inertial_files()}

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from insgnss.config.flight import FlightConfig
 from insgnss.errors import ConfigError, MissingFileError, ModelError, NavigationDataError, TimeError
+from insgnss.log.checks.each_log import read_and_check
 from insgnss.log.flight import Flight, FlightLogs
+from insgnss.runs.point import read_logs
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_lines, rest, write_gnss, write_imu
@@ -100,8 +104,36 @@ def test_rows_of_several_logs_may_alternate_in_a_file(folder: Path, empty: str) 
     np.testing.assert_array_equal(logs.gnss.pseudorange_m, apart.gnss.pseudorange_m)
     assert logs.reference is not None and len(logs.reference.t_ns) == 42
     told = [event.detail for event in logs.events if event.kind == "rows_of_other_logs"]
-    assert {event.kind for event in logs.events} == {"rows_of_other_logs", "columns_not_read"}
+    assert {event.kind for event in logs.events} == {"rows_of_other_logs"}
     assert any("80 of 2080 rows left out: nothing in 'gyro_x'" in detail for detail in told)
+
+
+def test_columns_that_another_log_of_the_flight_reads_are_not_told_as_unread(folder: Path) -> None:
+    """The inertial log, that of GNSS and the base's in one file, each with a row for each sample."""
+    imu, gnss = ((folder / name).read_text().splitlines() for name in ("imu.csv", "gnss.csv"))
+    rows = [f"{a},{b.split(',', 1)[1]},{b.split(',')[3]},7" for a, b in zip(imu[1:81], gnss[1:], strict=True)]
+    header = f"{imu[0]},{gnss[0].split(',', 1)[1]},base_range,note"
+    (folder / "both.csv").write_text("\n".join([header, *rows]) + "\n")
+    base = '[gnss.base]\nfiles = ["both.csv"]\nformat = "csv"\nlat_deg = 45.0\nlon_deg = 7.0\nh_m = 300.0\n'
+    text = FLIGHT.replace("imu.csv", "both.csv").replace("gnss.csv", "both.csv")
+    path = folder / "flight.toml"
+    path.write_text(f'{text}{base}columns = {{ pseudorange = "base_range" }}\n')
+    flight = Flight.load(path)
+
+    events = [*read_logs(flight).events, *Flight.load(path).read().events]
+    told = [event.detail for event in events if event.kind == "columns_not_read"]
+    told += [found.text for found in read_and_check(flight)[0].findings if found.kind == "columns_not_read"]
+    columns = [re.search("further columns: ([^;]*)", text) for text in told]
+    assert len(told) == 7 and {found and found[1] for found in columns} == {"note"}
+
+
+def test_files_of_further_antennas_share_the_columns_of_the_main_one() -> None:
+    antenna = {"name": "left", "files": ["imu.csv"]}
+    gnss = {"files": ["gnss.csv"], "columns": {"sv": "satellite"}}
+    config = FlightConfig.model_validate(
+        {"gnss": gnss, "attitude": {"clocks": "common", "antenna": [antenna]}}
+    )
+    assert "satellite" in config.columns_by_file()[Path("imu.csv")]
 
 
 def test_rows_without_a_value_in_a_file_of_one_log_are_bad_rows(folder: Path) -> None:

@@ -95,7 +95,9 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
             findings += imu_findings(imu, config.gps_week, accel_unit=declared.accel_unit)
     receiver = None
     if config.gnss.files:
-        receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))
+        receiver = _attempt(
+            findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week, shared))
+        )
     else:
         findings.append(
             Finding("ok", "gnss", "no raw GNSS data: position fixes of [[sensor]] carry the filter")

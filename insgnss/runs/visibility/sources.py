@@ -104,7 +104,7 @@ def _navigation(flight: Flight) -> tuple[NavigationData, list[Event]]:
     gnss = flight.config.gnss
     if gnss.navigation:
         return read_navigation(gnss.navigation)
-    logs = read_gnss_logs(gnss, flight.config.gps_week, flight.path)
+    logs = read_gnss_logs(gnss, flight.config.gps_week, flight.path, flight.config.columns_by_file())
     if logs.navigation is None or not logs.navigation.has_messages:
         advice = "name RINEX files under gnss.navigation, or study a saved run, which has their positions"
         raise ConfigError(
