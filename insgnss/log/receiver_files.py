@@ -81,13 +81,19 @@ def _with_rtcm(log: ReceiverLog, kind: Format, paths: Sequence[Path], date: dt.d
         return log
     except InputError:
         return log
-    away_m = _distance_m(log.satellite_fixes(), stream.station_m)
+    fixes = log.satellite_fixes()
+    away_m = _distance_m(fixes, stream.station_m)
     name = f"{paths[0]}: RTCM messages between those of {NAMES[kind]}"
     if away_m > _SAME_ANTENNA_M:
         detail = f"{name} hold the measurements of a station {away_m / 1e3:.3g} km away, a base: not read"
         return replace(log, events=[*log.events, Event(None, "rtcm_of_base", detail)])
+    whose = "they do not say whose they are"
+    if fixes is not None and stream.station_m is not None:
+        whose = f"their station is {away_m:.0f} m from the fixes"
     detail = (
-        f"{name} hold the measurements; if they are corrections of a base station, leave them out of the log"
+        f"{name} are read as this receiver's measurements; {whose}. If they are a base station's: name the measurements"
+        " converted from them under [gnss.base] with format = 'csv' and the place of the base (lat_deg, lon_deg, h_m),"
+        f" and record {_OWN_MEASUREMENTS[kind]} of this receiver for [gnss]"
     )
     return replace(
         log,
@@ -133,6 +139,7 @@ def _alone(kind: Format, paths: Sequence[Path]) -> Path:
 
 
 _SAME_ANTENNA_M: Final = 50.0  # a receiver alone errs by less; a base is seldom so near
+_OWN_MEASUREMENTS: Final[dict[Format, str]] = {"ubx": "UBX-RXM-RAWX", "sbf": "MeasEpoch", "novatel": "RANGE"}
 _WITH_OTHERS: Final = ("ubx", "sbf", "novatel", "rtcm")  # receivers send both over one port
 _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], ReceiverLog]]] = {
     "ubx": lambda paths, _: read_ubx(paths),

@@ -287,7 +287,8 @@ def test_measurements_that_a_receiver_sends_as_rtcm_beside_its_own_fixes_are_rea
 
     same(read(tmp_path, STREAM).gnss, log.gnss)
     assert log.navigation is not None and log.solution is not None and len(log.solution.t_ns) == 4
-    assert "rtcm_read" in [event.kind for event in log.events]
+    (told,) = (event.detail for event in log.events if event.kind == "rtcm_read")
+    assert "station is 0 m from the fixes" in told and "[gnss.base]" in told and "RXM-RAWX" in told
 
 
 def test_corrections_of_a_distant_base_are_no_measurements_of_the_receiver(tmp_path: Path) -> None:
@@ -299,6 +300,18 @@ def test_corrections_of_a_distant_base_are_no_measurements_of_the_receiver(tmp_p
     assert not len(log.gnss.t_ns) and log.solution is not None
     told = [event.detail for event in log.events if event.kind == "rtcm_of_base"]
     assert len(told) == 1 and "station 2 km away, a base: not read" in told[0]
+
+
+def test_measurements_without_a_station_are_read_with_what_to_do_if_they_are_a_bases(tmp_path: Path) -> None:
+    path = tmp_path / "rover.ubx"
+    stream = b"".join(msm("G", 7, (TOW_S + k) * 1000, gps_cells()) for k in range(4))
+    path.write_bytes(own_fixes(STATION_M) + stream)
+
+    log = read_receiver("ubx", [path], LogDeclarations())
+
+    assert len(log.gnss.t_ns) == 12
+    (told,) = (event.detail for event in log.events if event.kind == "rtcm_read")
+    assert "do not say whose they are" in told and "[gnss.base]" in told and "lat_deg" in told
 
 
 def test_rtcm_among_messages_without_a_fix_needs_a_date(tmp_path: Path) -> None:
