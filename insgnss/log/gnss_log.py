@@ -25,7 +25,7 @@ from insgnss.log.phone_states import states_beside
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.navigation import read_navigation
-from insgnss.log.sbf.reader import read_sbf
+from insgnss.log.sbf.reader import MEASUREMENTS_NOT_READ, read_sbf
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.tables import Event, GnssTable, NavigationData, PreciseProducts
 
@@ -126,11 +126,12 @@ def _read_format(config: Gnss, week: int, shared: FileColumns) -> ReceiverLog:
         detail = f"{config.format} states its own time scale: of gnss.time only offset_s is used"
         events.append(Event(None, "time_settings_not_used", detail))
     if not len(log.gnss.t_ns):
+        advice = "name the file with the measurements, or convert both files in one call"
         raise InputError(
-            "no raw measurement in the log, only inertial samples",
+            "the log holds no raw measurement that can be read",
             file=config.files[0],
             key="gnss.files",
-            advice="name the file with the measurements, or convert both files in one call",
+            advice=next((event.detail for event in events if event.kind == MEASUREMENTS_NOT_READ), advice),
         )
     shift_ns = round(config.time.offset_s * NS_PER_S)
     return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)

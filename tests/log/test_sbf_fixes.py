@@ -11,20 +11,25 @@ import pymap3d
 import pytest
 from pysbf2 import SBFReader
 
+from insgnss.config.flight import Gnss
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
+from insgnss.log.gnss_log import read_receiver
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf.reader import read_sbf
 from tests.log.sbf_encoder import (
     WEEK,
+    Channel,
     block,
     cartesian_covariances,
     cartesian_fix,
     covariances,
+    epoch,
     fix,
     ins_solution,
+    satellite,
     sensor,
 )
 
@@ -63,6 +68,24 @@ def test_blocks_that_are_not_read_are_told_with_their_numbers(tmp_path: Path) ->
     log = read(tmp_path, fix(340_000.0), base, ends, fix(340_000.5), base)
     told = {event.kind: event.detail for event in log.events}["sbf_not_used"]
     assert told.endswith("blocks not read, by number: 2 of 4028 (BaseVectorGeod), 1 of 5921")
+
+
+def test_log_whose_measurements_are_compressed_says_what_to_do(tmp_path: Path) -> None:
+    compressed = block(4109, bytes(40)) + block(4111, bytes(20))
+    log = read(tmp_path, fix(340_000.0), compressed, fix(340_000.5), compressed)
+    told = {event.kind: event.detail for event in log.events}["sbf_measurements_not_read"]
+    assert "4 compressed block(s)" in told and "(Meas3Ranges, Meas3Doppler)" in told
+    assert "+MeasEpoch" in told and "sbf2rin" in told
+    with pytest.raises(InputError) as error:
+        read_receiver(Gnss(files=(tmp_path / "log.sbf",), format="sbf"), 0)
+    assert "Meas3Ranges" in error.value.advice
+    with pytest.raises(InputError) as error:
+        read(tmp_path, compressed)
+    assert "Meas3Ranges" in error.value.advice
+
+    measured = epoch(340_000.0, [satellite(5, [Channel(0, 1575.42e6, 2.2e7, 0.0, None, 45.0)])])
+    kinds = [event.kind for event in read(tmp_path, measured, compressed).events]
+    assert "sbf_measurements_not_read" not in kinds and "sbf_not_used" in kinds
 
 
 def test_fields_are_those_of_another_parser() -> None:

@@ -53,9 +53,13 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
     return np.dtype(named)
 
 
+# Raw measurements in a compressed form whose layout the reference guide leaves out
+_MEAS3: Final = {
+    **{4109: "Meas3Ranges", 4110: "Meas3CN0HiRes", 4111: "Meas3Doppler", 4112: "Meas3PP", 4113: "Meas3MP"},
+}
 # Of the blocks that are not read those whose name says what is missed
 _NOT_READ: Final = {
-    **{4109: "Meas3Ranges", 4110: "Meas3CN0HiRes", 4111: "Meas3Doppler", 4112: "Meas3PP", 4113: "Meas3MP"},
+    **_MEAS3,
     **{4028: "BaseVectorGeod", 4043: "BaseVectorCart"},
 }
 MEAS_EPOCH: Final = 4027
@@ -190,6 +194,19 @@ def listed_others(blocks: Blocks) -> str:
     return ", ".join(
         f"{count} of {number}" + (f" ({_NOT_READ[number]})" if number in _NOT_READ else "")
         for number, count in blocks.others.most_common()
+    )
+
+
+def missed_measurements(blocks: Blocks) -> str:
+    """Return what a log's compressed measurements (Meas3) would hold and what to do about them, empty without any."""
+    names = [name for number, name in _MEAS3.items() if blocks.others[number]]
+    if not names:
+        return ""
+    count = sum(blocks.others[number] for number in _MEAS3)
+    return (
+        f"the raw measurements are in {count} compressed block(s) that cannot be read ({', '.join(names)})."
+        " Convert this log to RINEX with sbf2rin of Septentrio's RxTools; for the next one let the receiver"
+        f" send MeasEpoch (block {MEAS_EPOCH}): setSBFOutput, Stream1, <port>, +MeasEpoch"
     )
 
 

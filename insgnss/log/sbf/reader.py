@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from insgnss.log.sbf.blocks import (
     block_times_ns,
     find_blocks,
     listed_others,
+    missed_measurements,
     time_known,
 )
 from insgnss.log.sbf.fixes import fixes, name_of_fixes
@@ -38,17 +40,20 @@ from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
 from insgnss.tables import Event, ImuTable
 
+MEASUREMENTS_NOT_READ: Final = "sbf_measurements_not_read"  # the kind of an event
 _ACCELERATION, _ANGULAR_RATE = 0, 1  # types of ExtSensorMeas: m/s^2, deg/s
 
 
 def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     """Read a Septentrio receiver's SBF file, or several as one (plain or gzipped).
 
-    Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
-    reported. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
-    Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
-    (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the table of measurements is empty then. The
-    heading of several antennas (AttEuler) becomes a further sensor's samples; pitch and roll are not taken.
+    Measurements are those of MeasEpoch (main antenna). The compressed Meas3 blocks have no public definition: if a
+    log has no other measurements, an event says so. Messages are those that the receiver has decoded (GPSNav, GALNav,
+    GLONav, BDSNav, QZSNav and ionosphere). Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may
+    hold them or the receiver's own solution (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the
+    table of measurements is empty then. The heading of several antennas (AttEuler) becomes a further sensor's samples.
+    Pitch and roll are not taken: how the antennas' baseline is tilted in the vehicle is unknown, and the rows of an
+    attitude have no state for it.
 
     Raises
     ------
@@ -66,11 +71,12 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     fixed, told_of_fixes = fixes(data, blocks)
     samples, told_of_headings = headings(data, blocks)
     events += told_of_fixes + told_of_headings
+    missed = "" if len(gnss.t_ns) else missed_measurements(blocks)
     if not len(gnss.t_ns) and imu is None and own is None and fixed is None:
         raise InputError(
             "the SBF file holds no measurement, no inertial sample and no solution",
             file=path,
-            advice=f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR}); Meas3 blocks cannot be read",
+            advice=missed or f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR})",
         )
     gnss, reordered = in_time_order(gnss, str(path))
     found = broadcast(data, blocks)
@@ -79,6 +85,8 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
         Event(None, "navigation_damaged", f"{count} {reason}; refused")
         for reason, count in found.refused.items()
     ]
+    if missed:
+        events.append(Event(None, MEASUREMENTS_NOT_READ, missed))
     if blocks.others:
         events.append(Event(None, "sbf_not_used", f"blocks not read, by number: {listed_others(blocks)}"))
     if blocks.damaged:
