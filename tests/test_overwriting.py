@@ -93,7 +93,7 @@ def test_conversion_takes_no_file_of_the_user(tmp_path: Path) -> None:
 
 
 def rover_log(path: Path) -> Path:
-    """Return a log in UBX that is longer than the part by which its format is known, without inertial samples."""
+    """Return a UBX log without inertial samples, longer than the part that shows its format."""
     path.write_bytes(b"".join(rawx(TOW_S + k) for k in range(6000)))
     assert path.stat().st_size > len(beginning(path))
     return path

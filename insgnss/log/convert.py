@@ -104,10 +104,10 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
 
 
 def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations, output: Path) -> None:
-    """Refuse an output folder with a file of another program that the conversion would replace, before long reading.
+    """Refuse an output folder in which the conversion would replace a file of another program.
 
-    The content of a log decides which files it becomes. If the folder holds files, the beginnings of the logs are read
-    first: the whole logs become at least the files that the beginnings become.
+    The content of a log decides which files it becomes. If the folder holds files, the beginnings of the logs
+    are read first: the whole logs become at least the files that the beginnings become.
 
     Raises
     ------

@@ -247,7 +247,7 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
 
 
 def _resolved(config: FlightConfig, folder: Path) -> FlightConfig:
-    """Return the settings with every path counted from the flight file's folder, and the formats that logs state."""
+    """Return the settings with paths from the flight file's folder, and the formats that logs state."""
 
     def absolute(path: Path) -> Path:
         return Path(os.path.normpath(folder / path))

@@ -47,8 +47,8 @@ def read_gnss_logs(
 ) -> GnssLogs:
     """Read the GNSS log of a flight and its satellite data.
 
-    Messages in a receiver's own file are used together with those of the navigation files. ``shared`` are the columns
-    that all logs of the flight read, by file.
+    Messages in a receiver's own file are used together with those of the navigation files. ``shared`` are the
+    columns that all logs of the flight read, by file.
 
     Raises
     ------

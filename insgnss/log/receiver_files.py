@@ -91,9 +91,9 @@ def _with_rtcm(log: ReceiverLog, kind: Format, paths: Sequence[Path], date: dt.d
     if fixes is not None and stream.station_m is not None:
         whose = f"their station is {away_m:.0f} m from the fixes"
     detail = (
-        f"{name} are read as this receiver's measurements; {whose}. If they are a base station's: name the measurements"
-        " converted from them under [gnss.base] with format = 'csv' and the place of the base (lat_deg, lon_deg, h_m),"
-        f" and record {_OWN_MEASUREMENTS[kind]} of this receiver for [gnss]"
+        f"{name} are read as this receiver's measurements; {whose}. If they are a base station's: name the"
+        " measurements converted from them under [gnss.base] with format = 'csv' and the place of the base"
+        f" (lat_deg, lon_deg, h_m), and record {_OWN_MEASUREMENTS[kind]} of this receiver for [gnss]"
     )
     return replace(
         log,

@@ -1,4 +1,4 @@
-"""A flight file's logs that state their format themselves: those without a declared one, and those taken for tables."""
+"""The format that a log states itself: where a flight file declares none, and in errors of tables."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ _DECLARED: Final[dict[Format, LogFormat]] = {
     "sbf": "sbf",
     "android": "android",
 }
+# texts that a table may look like: one of Android's columns, or with a sentence in some lines
+_LIKE_TABLES: Final[tuple[Format, ...]] = ("android", "nmea")
 _Log = TypeVar("_Log", Gnss, Base)
 
 
 def with_stated_format(log: _Log) -> _Log:
-    """Return a GNSS log with the format that its first file states, where neither format nor columns are declared.
+    """Return a GNSS log with the format that its first file states, where none is declared.
 
-    A file that states none, or cannot be opened, leaves the default; declared columns say that the log is a table.
+    A file that states none, or cannot be opened, leaves the default. Declared columns say that it is a table.
     """
     if not log.files or {"format", "columns"} & log.model_fields_set:
         return log
@@ -33,13 +35,15 @@ def with_stated_format(log: _Log) -> _Log:
 
 
 def read_table(path: Path, wanted: ColumnSelection, *, of_gnss: bool = False) -> CsvTable:
-    """Read a log that is declared as a table, as ``read_csv_table``; the advice names the format of one that is none.
+    """Read a log that is declared as a table, as ``read_csv_table`` does.
 
-    ``of_gnss`` : a flight file may also declare the log's format
+    Parameters
+    ----------
+    of_gnss : a flight file may declare the log's format
 
     Raises
     ------
-    InputError or a subclass : as ``read_csv_table``
+    InputError or a subclass : as ``read_csv_table``; of a file that is no table the advice names the format
     """
     try:
         return read_csv_table(path, wanted)
@@ -54,7 +58,7 @@ def read_table(path: Path, wanted: ColumnSelection, *, of_gnss: bool = False) ->
             file=error.file,
             line=error.line,
             column=error.column,
-            advice=_advice(stated, of_gnss=of_gnss),
+            advice=_advice(stated, error.advice, of_gnss=of_gnss),
         ) from error
 
 
@@ -66,10 +70,12 @@ def _stated(path: Path) -> Format | None:
         return None
 
 
-def _advice(stated: Format, *, of_gnss: bool) -> str:
-    what = f"this is a {NAMES[stated]} file, not a table"
+def _advice(stated: Format, of_table: str, *, of_gnss: bool) -> str:
+    """Return the advice of a file of a format, and that of the table which it may be after all."""
+    todo = "'insgnss convert' writes its content as tables, with a flight file that names them"
     if of_gnss and stated in _DECLARED:
-        return f"{what}: write format = '{_DECLARED[stated]}' beside files"
-    if stated == "rinex_navigation":
-        return f"{what}: name it under gnss.navigation"
-    return f"{what}: 'insgnss convert' writes its content as tables, with a flight file that names them"
+        todo = f"write format = '{_DECLARED[stated]}' beside files"
+    elif stated == "rinex_navigation":
+        todo = "name it under gnss.navigation"
+    advice = f"this is a {NAMES[stated]} file, not a table: {todo}"
+    return f"{advice}; if it is a table, {of_table}" if of_table and stated in _LIKE_TABLES else advice

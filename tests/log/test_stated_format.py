@@ -1,4 +1,4 @@
-"""A flight file without a format takes the one that its log states; a log that is no table is called what it is."""
+"""A flight file without a format takes the one that its log states; errors name the format of no table."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 from insgnss.errors import InputError
 from insgnss.log.flight import Flight
+from tests.log.android_generator import COLUMNS as ANDROID_COLUMNS
 from tests.log.test_flight import FLIGHT
 from tests.log.test_nmea import EPOCHS
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
@@ -57,6 +58,15 @@ def test_declared_table_stays_one_and_its_error_names_the_format(tmp_path: Path,
     with pytest.raises(InputError) as error:
         declared.read()
     assert "RINEX observation" in error.value.advice and "format = 'rinex'" in error.value.advice
+
+
+def test_table_of_androids_columns_keeps_the_advice_of_a_table(tmp_path: Path) -> None:
+    table = f"{ANDROID_COLUMNS}\n{','.join('1' for _ in ANDROID_COLUMNS.split(','))}\n".encode()
+    log = flight(tmp_path, "device.csv", table, 'columns = { time = "TimeNanos", sv = "Satellite" }')
+    write_imu(tmp_path / "imu.csv", rest(np.random.default_rng(1), n=2000))
+    with pytest.raises(InputError) as error:
+        log.read()
+    assert "format = 'android'" in error.value.advice and "the file has " in error.value.advice
 
 
 def test_file_that_is_no_table_is_called_what_it_is(tmp_path: Path) -> None:

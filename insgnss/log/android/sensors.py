@@ -19,7 +19,7 @@ from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
-from insgnss.log.imu.sensor_pairs import paired
+from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Bool, Event, Float64, ImuTable, Int64
 
 # Kinds of line in the order of preference, with the columns of the three axes

@@ -78,7 +78,7 @@ def corrected_text(flight: Flight, proposals: Iterable[Proposal], folder: Path) 
 
 
 def check_new_file(path: Path) -> None:
-    """Refuse a corrected flight file that exists or cannot be made; the command asks before it begins to work.
+    """Refuse a corrected flight file that exists or cannot be made; the command asks before it works.
 
     Raises
     ------

@@ -25,9 +25,9 @@ from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_
 from insgnss.log.imu.faults import SensorTriad, fault_events
 from insgnss.log.imu.frozen import frozen_events
 from insgnss.log.imu.increment_steps import increment_intervals
-from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.log.imu.units import check_units
+from insgnss.log.sensor_pairs import paired
 from insgnss.log.stated_format import read_table
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT

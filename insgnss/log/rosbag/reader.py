@@ -20,11 +20,11 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
-from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.rosbag.mcap_file import Topic, read_topics
 from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
+from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
 
 IMU: Final = "sensor_msgs/msg/Imu"

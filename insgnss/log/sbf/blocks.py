@@ -198,7 +198,7 @@ def listed_others(blocks: Blocks) -> str:
 
 
 def missed_measurements(blocks: Blocks) -> str:
-    """Return what a log's compressed measurements (Meas3) would hold and what to do about them, empty without any."""
+    """Return what a log's Meas3 blocks would hold and what to do about them, empty without any."""
     names = [name for number, name in _MEAS3.items() if blocks.others[number]]
     if not names:
         return ""

@@ -15,7 +15,6 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer, records
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.own_solution import not_independent
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf.blocks import (
@@ -38,6 +37,7 @@ from insgnss.log.sbf.heading import headings
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
 from insgnss.log.sbf.solution import solution
+from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable
 
 MEASUREMENTS_NOT_READ: Final = "sbf_measurements_not_read"  # the kind of an event
@@ -47,13 +47,13 @@ _ACCELERATION, _ANGULAR_RATE = 0, 1  # types of ExtSensorMeas: m/s^2, deg/s
 def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     """Read a Septentrio receiver's SBF file, or several as one (plain or gzipped).
 
-    Measurements are those of MeasEpoch (main antenna). The compressed Meas3 blocks have no public definition: if a
-    log has no other measurements, an event says so. Messages are those that the receiver has decoded (GPSNav, GALNav,
-    GLONav, BDSNav, QZSNav and ionosphere). Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may
-    hold them or the receiver's own solution (INSNavGeod; PVTGeodetic or PVTCartesian of satellites alone) alone; the
-    table of measurements is empty then. The heading of several antennas (AttEuler) becomes a further sensor's samples.
-    Pitch and roll are not taken: how the antennas' baseline is tilted in the vehicle is unknown, and the rows of an
-    attitude have no state for it.
+    Measurements are those of MeasEpoch (main antenna). The compressed Meas3 blocks have no public definition:
+    if a log has no other measurements, an event says so. Messages are those that the receiver has decoded
+    (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere). Inertial samples (ExtSensorMeas) stay in the
+    sensor's own axes. A file may hold them or the receiver's own solution (INSNavGeod; PVTGeodetic or
+    PVTCartesian of satellites alone) alone; the table of measurements is empty then. The heading of several
+    antennas (AttEuler) becomes a further sensor's samples. Pitch and roll are not taken: how the antennas'
+    baseline is tilted in the vehicle is unknown, and the rows of an attitude have no state for it.
 
     Raises
     ------

@@ -21,8 +21,8 @@ from insgnss.errors import InputError
 from insgnss.log.boot_time import BootClock, boot_clock
 from insgnss.log.files import file_buffer
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
-from insgnss.log.imu.sensor_pairs import paired
 from insgnss.log.receiver import ReceiverLog, assembled
+from insgnss.log.sensor_pairs import paired
 from insgnss.log.ubx.reader import read_ubx_bytes
 from insgnss.log.ulog.definitions import check_definitions, sound_messages
 from insgnss.log.ulog.solution import FIXES, SOLUTION, TRUTH, UlogSolution, sampled_us, solution
