@@ -43,7 +43,7 @@ def read_table(path: Path, wanted: ColumnSelection, *, of_gnss: bool = False) ->
 
     Raises
     ------
-    InputError or a subclass : as ``read_csv_table``; of a file that is no table the advice names the format
+    InputError or a subclass : as ``read_csv_table``; the advice names the format of another kind of file
     """
     try:
         return read_csv_table(path, wanted)

@@ -1,4 +1,4 @@
-"""A flight file without a format takes the one that its log states; errors name the format of no table."""
+"""A flight file without a format takes the one that its log states; errors of tables name it too."""
 
 from __future__ import annotations
 

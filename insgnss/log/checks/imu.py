@@ -145,7 +145,7 @@ def _rest_findings(windows: ImuWindows, resting: Bool, where: str, accel_unit: s
         "" if severity == "ok" else "accelerometer bias or scale error: choose a grade that allows for it"
     )
     alike = None if severity == "ok" else alike_accel_unit(accel_unit, size)
-    gravity = f"{where} for {seconds:.0f} s: |f| = {size:.4f} m/s^2 ({100.0 * off:+.2f} % of g)"
+    gravity = f"{where} for {seconds:.0f} s: |f| = {size:.4f} m/s^2 ({100.0 * off:+z.2f} % of g)"
     if alike is not None:
         gravity += f", as if the column were in {alike}"
         advice = f"if it is, write imu.accel_unit = '{alike}' in place of '{accel_unit}'; else {advice}"
