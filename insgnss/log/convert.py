@@ -107,7 +107,7 @@ def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarati
     """Refuse an output folder in which the conversion would replace a file of another program.
 
     The content of a log decides which files it becomes. If the folder holds files, the beginnings of the logs
-    are read first: the whole logs become at least the files that the beginnings become.
+    are read first: the whole logs become at least the files that the beginnings become, fixes excepted.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarati
         return
     if log.navigation is not None and not log.navigation.has_messages:
         log = replace(log, navigation=None)
-    log = replace(log, fixes=None if len(log.gnss.t_ns) else log.fixes)
+    log = replace(log, fixes=None)  # which are not written if measurements come later
     copies = _copies([path for path, kind in formats if kind == "rinex_navigation"], log)
     names = [
         name
