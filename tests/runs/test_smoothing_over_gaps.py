@@ -152,6 +152,20 @@ def test_long_gap_leaves_the_sensors_errors_alone() -> None:
         assert 0.2 < before[1][name] / before[0][name] < 0.9
 
 
+def test_way_back_from_a_late_fix_is_as_long_as_the_samples() -> None:
+    """An aircraft that has turned by 180 deg until the first fix: a straight line back would be kilometres off."""
+    runs = [
+        with_gaps(seed, ((30.0, 34.0),), 60.0, outage_s=0.0, smooth=True, output=1.0, covariance=True)
+        for seed in range(9210, 9214)
+    ]
+    low, high = mean_chi_square_bounds(3, len(runs), 1.0 - (1.0 - CONFIDENCE) / 3)
+
+    for at_s in (35.0, 60.0, 90.0):
+        found = [errors_of(run, "position", at_s, at_s) for run in runs]
+        assert low < np.mean([nees(off, P)[0] for off, P in found]) < high
+        assert all(np.linalg.norm(off) < 1000.0 for off, _ in found)
+
+
 def test_every_gap_of_a_log_is_crossed() -> None:
     gaps = ((GAP_S, GAP_S + 3.0), (GAP_S + 20.0, GAP_S + 24.0))
     asked = {"output": 5.0, "point": LEVER_ARM_B}

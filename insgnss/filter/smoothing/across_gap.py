@@ -1,7 +1,7 @@
 """Over a gap in the inertial samples: from the filter that began after it to the one that ended before it.
 
 After a gap the filter starts again from a fix. The samples between the first one after the gap and that fix lead back,
-without any filter: a step of Rauch, Tung and Striebel to an epoch of which nothing was known before (``first_sample``).
+without any filter: steps of Rauch, Tung and Striebel, each to a time at which nothing was known before (``way_back``).
 The filter's transition depends on its own covariance, so that it learns no heading from noise; one that knows nothing
 would see no motion at all. There is no heading to be learnt on this way, so all of the motion counts in it.
 
@@ -19,12 +19,13 @@ clocks nothing is carried back: a receiver may have set them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.filter.imu.inertial_stream import Cut
 from insgnss.filter.layout import Layout
 from insgnss.filter.prediction import ImuSamples
@@ -39,14 +40,15 @@ from insgnss.filter.smoothing.smoother_step import (
     step_of_state,
 )
 from insgnss.filter.start.carried_start import errors_in_a_gap
-from insgnss.filter.state import BG, DR, OFFSETS, Bank, StateRecord
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.tables import Float64
 
-_UNKNOWN: Final = 1e6  # times the variance that later data leave: what was known before adds a millionth
-_PASSES_BACK: Final = (
-    3  # each about the state that the one before it found; the second has moved it by less than 1e-6 sigma
-)
+_UNKNOWN: Final = 1e4  # times the variance that later data leave: what was known before adds a ten-thousandth
+_PIECE_NS: Final = 5 * NS_PER_S  # of the way back, over which a state is a good guess of the one before it
+_MOST_STEPS: Final = 10  # to the state about which a piece is linear; three are enough
+_NOTHING: Final = 1e-300  # the variance of a state that has none
+_CLOSE: Final = 1e-3  # sigmas by which the last of them moves it
 _LONGEST_WAY_S: Final = 60.0  # over which a random walk of 1 m/s^2 per root second leaves 4 km
 
 
@@ -57,31 +59,60 @@ def without_shown_motion(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return all_of_it
 
 
-def first_sample(
+def way_back(
     found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+) -> Iterator[SmoothedEpoch]:
+    """Yield samples before the epoch ``found`` at which a filter began, the last first, smoothed by that epoch.
+
+    The last one is the first of the samples ``imu``; in between they are some seconds apart.
+    """
+    while found.kept.t_ns > imu.t_ns[0]:
+        k = int(np.searchsorted(imu.t_ns, found.kept.t_ns - _PIECE_NS))
+        k = min(k, int(np.searchsorted(imu.t_ns, found.kept.t_ns)) - 1)
+        found = _one_before(found, k, imu, parameters, layout)
+        yield found
+
+
+def _one_before(
+    found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> SmoothedEpoch:
-    """Return the first of a stretch's samples, smoothed by the first epoch ``found`` of the filter in it."""
+    """Return sample ``k`` smoothed by a later state alone."""
     later = found._replace(kept=found.kept._replace(anew=True))
-    bank = _about(found, imu, parameters)
-    for _ in range(_PASSES_BACK):
+    bank = _about(found, k, imu, parameters)
+    for _ in range(_MOST_STEPS):
         before = one_back(kept_as_opened(bank), later, imu, parameters, layout)
+        if float((before.e**2 / np.diagonal(before.P).clip(min=_NOTHING)).max()) < _CLOSE**2:
+            break
         bank = one_hypothesis(bank.state, bank.P, bank.head)
         close_loop(bank.state[0], before.e, len(before.e))
     return before._replace(kept=before.kept._replace(anew=True))
 
 
-def _about(found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
-    """Return a filter at the first sample that knows nothing, about where the later state has come from."""
-    filtered, n = found.kept.bank, len(found.P)
+def _about(found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
+    """Return a filter at sample ``k`` that knows nothing, about where the later state has come from.
+
+    It knows a hundred times less than the later state leaves, carried back: of velocity P_v + T^2 (g^2 P_psi + P_ba),
+    of position T^2 times that more.
+    """
+    filtered, n, t_ns = found.kept.bank, len(found.P), int(imu.t_ns[k])
     bank = one_hypothesis(filtered.state, np.zeros_like(filtered.P), filtered.head)
     m: StateRecord = bank.state[0]
     bank.state[0] = found.state()
-    bank.head["now_ns"], bank.head["next"] = imu.t_ns[0], 1
+    bank.head["now_ns"], bank.head["next"] = t_ns, k + 1
     m.C_eb[:] = attitude_before(bank, found.kept.t_ns, found.state(), imu, parameters)
-    seconds = (found.kept.t_ns - int(imu.t_ns[0])) / NS_PER_S
+    seconds = (found.kept.t_ns - t_ns) / NS_PER_S
     m.r_e[:] -= seconds * m.v_e
     m.clock[0] -= seconds * m.clock[1]
-    bank.P[0, range(n), range(n)] = _UNKNOWN * np.diagonal(found.P)
+    left = np.diagonal(found.P).copy()
+    for block, by, factor in (
+        (PSI, BG, 1.0),
+        (DV, BA, 1.0),
+        (DV, PSI, STANDARD_GRAVITY_MPS2**2),
+        (DR, DV, 1.0),
+    ):
+        left[block : block + 3] += seconds**2 * factor * left[by : by + 3].sum()
+    left[CLOCK] += seconds**2 * left[DRIFT]
+    bank.P[0, range(n), range(n)] = _UNKNOWN * left
     return bank
 
 

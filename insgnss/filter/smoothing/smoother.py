@@ -35,7 +35,7 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
 from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.smoothing.across_gap import first_sample, last_sample, without_shown_motion
+from insgnss.filter.smoothing.across_gap import last_sample, way_back, without_shown_motion
 from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.smoothing.open_phase import OpenPhase, gone_over_alone
@@ -204,19 +204,17 @@ class Smoother:
 
         Rows at ``times_ns`` from that sample up to the epoch follow those that are written.
         """
-        parameters = without_shown_motion(self.navigator.parameters)
-        first = first_sample(found, self.imu, parameters, self.navigator.setup.layout)
-        begin, end = np.searchsorted(times_ns, [first.kept.t_ns, found.kept.t_ns])
-        written, count = int(out.counts[0].nav), int(end - begin)
-        if count:
-            later_ns = out.nav["t_ns"][:written]
-            nearest = int(np.searchsorted(later_ns, found.kept.t_ns))
-            rows = out.nav[written : written + count]
-            rows["t_ns"] = times_ns[begin:end]
-            rows["slow"] = out.nav["slow"][min(nearest, written - 1)]
-            out.counts[0].nav += count
-            t_ns = np.concatenate([np.zeros(written, np.int64), times_ns[begin:end]])
-            self._rewrite(first, t_ns, parameters, out)
+        parameters, layout = without_shown_motion(self.navigator.parameters), self.navigator.setup.layout
+        begin, end = np.searchsorted(times_ns, [self.imu.t_ns[0], found.kept.t_ns])
+        written = int(out.counts[0].nav)
+        new, t_ns = slice(written, written + int(end - begin)), out.nav["t_ns"].copy()
+        nearest = min(int(np.searchsorted(t_ns[:written], found.kept.t_ns)), written - 1)
+        t_ns[:written], t_ns[new] = 0, times_ns[begin:end]  # among which only new rows are found
+        out.nav["t_ns"][new], out.nav["slow"][new] = t_ns[new], out.nav["slow"][nearest]
+        out.counts[0].nav += end - begin
+        first = found._replace(kept=found.kept._replace(anew=True))
+        for first in way_back(found, self.imu, parameters, layout):
+            self._rewrite(first, t_ns[: new.stop], parameters, out)
         return first
 
     def _rewrite(self, found: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output) -> None:
