@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import os
 import zipfile
 import zlib
@@ -180,7 +181,7 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
     stream = path.open("rb")
     if stream.read(_MAGIC_BYTES).startswith((GZIP_MAGIC, COMPRESS_MAGIC, ZIP_MAGIC)):
         stream.close()
-        unpacked: BinaryIO = pa.BufferReader(buffer)
+        unpacked: BinaryIO = io.BufferedReader(pa.BufferReader(buffer))
         return unpacked
     stream.seek(0)
     return stream

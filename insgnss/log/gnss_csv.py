@@ -130,7 +130,6 @@ def _wanted(names: GnssColumns) -> ColumnSelection:
         ),
         text=(names.sv,),
         optional_text=(names.signal, names.system),
-        together=_state_columns(names),
         chosen=names.chosen_names(),
     )
 
@@ -218,8 +217,6 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float6
     """
     columns = _state_columns(config.columns)
     missing = [name for name in columns if name not in table.columns]
-    if not missing and table.block is not None:
-        return table.block, []
     if not missing:
         return np.column_stack([table.columns[name] for name in columns]), []
     if len(missing) == len(columns):

@@ -465,28 +465,6 @@ def test_word_that_first_appears_in_a_late_piece_keeps_its_name(tmp_path: Path) 
     assert len(column.words) == 4
 
 
-@pytest.mark.usefixtures("small_pieces")
-def test_columns_wanted_together_lie_in_one_array(tmp_path: Path) -> None:
-    path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
-    table = read_csv_table(
-        path, ColumnSelection(numeric=("time_s",), optional=("x", "y"), together=("y", "x"))
-    )
-
-    assert table.block is not None
-    assert np.array_equal(table.block, np.column_stack([table.columns["y"], table.columns["x"]]))
-    assert np.shares_memory(table.block, table.columns["x"])
-
-
-def test_columns_wanted_together_are_single_where_one_is_missing(tmp_path: Path) -> None:
-    path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
-    table = read_csv_table(
-        path, ColumnSelection(numeric=("time_s",), optional=("x", "z"), together=("x", "z"))
-    )
-
-    assert table.block is None
-    assert np.array_equal(table.columns["x"], np.arange(100) * 0.25)
-
-
 def test_numbers_beyond_any_integer_are_clipped_without_writing_out_their_digits() -> None:
     """An integer of a million digits takes half a second; a damaged log has many such cells."""
     began = time.process_time()

@@ -11,6 +11,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
 from insgnss.errors import ColumnError
 from insgnss.log.csv.calendar import Calendar
@@ -31,10 +32,9 @@ class ColumnSelection:
     absent, its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in
     ``bad_cells``. ``exact`` columns are returned as integers in units of 10^-digits, ``calendar`` ones as GPS time
     [ns] under the name of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal``
-    is the mark before the decimals of all numbers. The numbers of columns named ``together`` lie side by side in
-    memory where the file has all of them. What is ``chosen``, named by the user and not by default, must exist even
-    where it is optional. What is read ``elsewhere``, by another log of the flight in the same file, is not reported
-    as unread.
+    is the mark before the decimals of all numbers. What is ``chosen``, named by the user and not by default, must
+    exist even where it is optional. What is read ``elsewhere``, by another log of the flight in the same file, is not
+    reported as unread.
     """
 
     numeric: Sequence[str] = ()
@@ -42,7 +42,6 @@ class ColumnSelection:
     text: Sequence[str] = ()
     optional_text: Sequence[str] = ()
     exact: Mapping[str, int] = field(default_factory=dict)
-    together: Sequence[str] = ()
     chosen: Sequence[str] = ()
     elsewhere: Sequence[str] = ()
     measured: Sequence[str] = ()
@@ -82,6 +81,13 @@ class TextColumn:
     words: tuple[str, ...]
 
 
+def text_column(cells: pa.DictionaryArray) -> TextColumn:
+    """Return words, stripped, as they first appear in the file."""
+    words: dict[str, int] = {}
+    number = [words.setdefault(word.strip(), len(words)) for word in cells.dictionary.to_pylist()]
+    return TextColumn(np.array(number, np.int32)[cells.indices.to_numpy(zero_copy_only=False)], tuple(words))
+
+
 @dataclass
 class CsvRows:
     """The result of either path: one array of n rows for each column found."""
@@ -93,7 +99,6 @@ class CsvRows:
     bad_cells: dict[str, Int64] = field(default_factory=dict)  # rows of optional columns, unreadable
     events: list[Event] = field(default_factory=list)
     lines: Int64 | None = None  # file line of each row, where the exact path found it
-    block: Float64 | None = None  # (n, k) the columns wanted together, where they lie so
 
 
 def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict[str, int]:

@@ -25,7 +25,7 @@ from insgnss.errors import ColumnError, TimeError
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.cell_advice import date_advice, number_advice
 from insgnss.log.csv.cells import EMPTY_CELLS, floats, foreign_number, integers
-from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn
+from insgnss.log.csv.columns import ColumnSelection, CsvRows, text_column
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
 from insgnss.tables import Bool, Event, Int64
@@ -266,9 +266,7 @@ class _ColumnReader:
             rows.exact = {name: values[keep] for name, values in rows.exact.items()}
             text = {name: cells.take(pa.array(keep)) for name, cells in text.items()}
         for name, cells in text.items():
-            words = cells.dictionary_encode()
-            codes = words.indices.to_numpy(zero_copy_only=False)
-            rows.text[name] = TextColumn(codes, tuple(words.dictionary.to_pylist()))
+            rows.text[name] = text_column(cells.dictionary_encode())
         bad = {name: np.flatnonzero(found[keep]) for name, found in self.unreadable.items() if found.any()}
         rows.bad_cells = {name: found.astype(np.int64) for name, found in bad.items()}
         refused = sorted(self.refused, key=lambda complaint: complaint.line)

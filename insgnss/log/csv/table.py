@@ -59,7 +59,6 @@ class CsvTable(CsvRows):
             text={name: TextColumn(column.codes[rows], column.words) for name, column in self.text.items()},
             bad_cells=bad,
             lines=self.line[rows],
-            block=None,
         )
 
 
@@ -113,4 +112,4 @@ def _read_fast(
     if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):
         return None
     with byte_stream(path, buffer) as stream:
-        return read_fast(stream, buffer.size, dialect, places, wanted)
+        return read_fast(stream, dialect, places, wanted)
