@@ -227,6 +227,12 @@ def test_cell_that_is_no_moment_refuses_its_row_by_line_and_column(
     assert len(t_ns) == 39 and len(bad) == 1 and "log.csv:9, column 't'" in bad[0]
 
 
+def test_month_of_more_digits_than_a_machine_word_is_not_a_month() -> None:
+    cell = "9" * 40 + "-28-2025 17:30:22"
+    _, readable = Calendar(("t",), "mdy", "gps", None).to_gps([pa.array([cell])])
+    assert not readable.any()
+
+
 @pytest.mark.parametrize(
     ("cell", "order"),
     [

@@ -194,7 +194,12 @@ def _moment(text: str, form: DateForm) -> _Moment:
     if len(date["y"]) == 2 and form.is_order_declared:
         date["y"] = full_year(date["y"])
     hour, second, minutes = int(match["hour"]), int(match["second"] or 0), int(match["minutes"] or 0)
-    if len(date["y"]) != 4 or len(date["d"]) > 2 or minutes > 59 or (match["half"] and not 1 <= hour <= 12):
+    if (
+        len(date["y"]) != 4
+        or len(date["m"] + date["d"]) > 4
+        or minutes > 59
+        or (match["half"] and not 1 <= hour <= 12)
+    ):
         return _UNREADABLE
     if match["half"]:
         hour = hour % 12 + (12 if match["half"] in "Pp" else 0)

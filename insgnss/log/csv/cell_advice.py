@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.csv.calendar import Calendar
-from insgnss.log.csv.cells import NUMBER
+from insgnss.log.csv.cells import NUMBER, are_foreign, foreign_advice
 
 _Order = Literal["ymd", "dmy", "mdy"]
 _ORDERS: Final[tuple[_Order, ...]] = ("ymd", "dmy", "mdy")
@@ -22,8 +22,10 @@ _EIGHT_DIGITS: Final = re.compile(r"\d{8}")
 _SERIAL_DAYS: Final = re.compile(r"[2-6]\d{4}([.,]\d*)?(?=T|$)")  # 20000 is in 1954, 69999 in 2091
 
 
-def number_advice(cell: str) -> str:
+def number_advice(cell: str, decimal: str) -> str:
     """Return the advice for a column of numbers that holds cells like this one."""
+    if are_foreign(pa.array([cell]), decimal)[0]:
+        return foreign_advice(cell, decimal)[1]
     orders = _dates_by_order(cell, Calendar(("time",), "ymd", "gps", None))
     if orders or (_DATE.match(cell) and _CLOCK.match(cell)):
         order = "" if "ymd" in orders or not orders else f", date_order = '{next(iter(orders))}'"

@@ -17,13 +17,10 @@ EMPTY_CELLS: Final = ("", *"nan NaN NAN -nan na NA n/a N/A null NULL none None".
 DECIMALS: Final = pa.decimal128(38, 18)
 NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _PLAIN: Final = r"^[+-]?\d{1,18}(\.\d{1,18})?$"  # fits ``DECIMALS``
-_OTHER_MARK: Final = {
-    ".": re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?"),
-}
-_THOUSANDS: Final = {
-    ".": re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?"),
-    ",": re.compile(r"[+-]?\d{1,3}([.' \u00a0\u202f_]\d{3})+(,\d*)?"),
+# by the declared decimal mark: numbers with the other mark, and numbers with thousands separators
+_FOREIGN: Final = {
+    own: rf"^[+-]?(\d*[{other}]\d+([eE][+-]?\d+)?|\d{{1,3}}([{other}' \x{{a0}}\x{{202f}}_]\d{{3}})+([{own}]\d*)?)$"
+    for own, other in (".,", ",.")
 }
 _INT64_MAX: Final = 2**63 - 1
 _DIGITS_OF_INT64: Final = 19
@@ -73,15 +70,19 @@ def decimals_to_int64(cells: pa.Array, digits: int) -> Int64:
     return np.where(high == low >> 63, low, np.where(high < 0, -_INT64_MAX, _INT64_MAX))
 
 
-def foreign_number(cell: str, decimal: str) -> tuple[str, str] | None:
-    """Return message and advice for a number with another decimal mark or with thousands separators, else None."""
-    if _OTHER_MARK[decimal].fullmatch(cell) and decimal == ",":
+def are_foreign(cells: pa.Array, decimal: str) -> Bool:
+    """Return which cells are numbers with another decimal mark, or with thousands separators."""
+    foreign: Bool = pc.match_substring_regex(cells, _FOREIGN[decimal]).to_numpy(zero_copy_only=False)
+    return foreign
+
+
+def foreign_advice(cell: str, decimal: str) -> tuple[str, str]:
+    """Return message and advice for a number of ``are_foreign``."""
+    if decimal == "," and re.match(NUMBER, cell):
         message = f"'{cell}' has a decimal point, and the flight file declares decimal = ','"
         return message, "leave out 'decimal', or write the file with one decimal mark throughout"
-    if _OTHER_MARK[decimal].fullmatch(cell) or _THOUSANDS[decimal].fullmatch(cell):
-        return (
-            f"'{cell}' holds a decimal comma or a thousands separator",
-            "for decimal commas write decimal = ',' beside 'columns' in the flight file (in [imu], [gnss] or"
-            " [reference]); thousands separators cannot be read: write the file with a decimal point alone",
-        )
-    return None
+    return (
+        f"'{cell}' holds a decimal comma or a thousands separator",
+        "for decimal commas write decimal = ',' beside 'columns' in the flight file (in [imu], [gnss] or"
+        " [reference]); thousands separators cannot be read: write the file with a decimal point alone",
+    )

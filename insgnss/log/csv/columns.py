@@ -54,6 +54,11 @@ class ColumnSelection:
         return () if self.calendar is None else self.calendar.columns
 
     @property
+    def words(self) -> tuple[str, ...]:
+        """The columns of words."""
+        return (*self.text, *self.optional_text)
+
+    @property
     def integers(self) -> tuple[str, ...]:
         """The names under which integers are returned."""
         return (*self.exact, *self.dates[-1:])

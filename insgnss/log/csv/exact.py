@@ -9,26 +9,21 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from insgnss.errors import ColumnError, TimeError
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.cell_advice import date_advice, number_advice
-from insgnss.log.csv.cells import EMPTY_CELLS, floats, foreign_number, integers
+from insgnss.log.csv.cells import EMPTY_CELLS, are_foreign, floats, foreign_advice, integers
 from insgnss.log.csv.columns import ColumnSelection, CsvRows, text_column
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
-from insgnss.tables import Bool, Event, Int64
+from insgnss.tables import Bool, Event, Float64, Int64
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is
 MAX_BAD_ROWS_SMALL_FILE: Final = 3  # so that one bad row in a file of ten is still only a bad row
@@ -39,13 +34,13 @@ _CUT_LINES: Final = 20
 _EXPONENT: Final = re.compile(rb"\d[eE][+-]?(\d+)")
 
 
-@dataclass(frozen=True)
-class _Complaint:
+class _Complaint(NamedTuple):
     """One refused row, or one unreadable optional cell."""
 
     line: int
-    column: str | None
+    column: str  # "": the whole line
     reason: str
+    cell: str = ""
 
 
 def last_line_is_cut(data: memoryview, delimiter: str) -> bool:
@@ -80,40 +75,58 @@ def _lacks_exponent_digits(cell: bytes, before: list[bytes]) -> bool:
 
 
 def read_exact(
-    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection
+    buffer: pa.Buffer,
+    path: Path,
+    dialect: Dialect,
+    places: dict[str, int],
+    wanted: ColumnSelection,
+    *,
+    cut: bool,
 ) -> CsvRows:
-    """Read the wanted columns line by line.
+    """Read the wanted columns line by line; the last line is left out where it is ``cut``.
 
     Raises
     ------
     ColumnError : numbers written in another way than declared, or more than 5 % of the rows are bad
     TimeError : dates have a zone, and GPS time is declared
     """
-    data = _utf8(buffer)
-    cut = last_line_is_cut(memoryview(data), dialect.delimiter)
-    rows, lines, complaints = _split_lines(data, dialect, cut)
-    strings = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
+    rows, lines, refused = _split_lines(_utf8(buffer), dialect, cut)
+    cells = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
     measured = [name for name in wanted.measured if name in places]
-    own = _rows_of_this_log(rows, [strings[name] for name in measured], set(places.values()))
-    reader = _ColumnReader(path, dialect, lines[own], complaints, wanted.decimal)
+    own = _rows_of_this_log(rows, [cells[name] for name in measured], set(places.values()))
+    events = []
     if not own.all():
-        strings = {name: cells.filter(pa.array(own)) for name, cells in strings.items()}
+        cells = {name: column.filter(pa.array(own)) for name, column in cells.items()}
         names = "', '".join(measured)
         left_out = f"{int((~own).sum())} of {len(own)} rows left out"
         detail = f"{path}: {left_out}: nothing in '{names}', but in columns of other logs"
-        reader.rows.events.append(Event(None, "rows_of_other_logs", detail))
+        events.append(Event(None, "rows_of_other_logs", detail))
+    reader = _ColumnReader(path, wanted, lines[own], refused)
+    exact: dict[str, Int64] = {}
     if wanted.calendar is not None:
-        reader.read_dates(wanted.calendar, [strings[name] for name in wanted.dates])
+        exact[wanted.dates[-1]] = reader.dates(wanted.calendar, [cells[name] for name in wanted.dates])
     for name, digits in wanted.exact.items():
-        reader.read_integers(name, strings[name], digits)
-    for name in wanted.numeric:
-        reader.read_required(name, strings[name])
-    for name in wanted.optional:
-        if name in places:
-            reader.read_optional(name, strings[name])
-    reader.check_share()
-    words = {name: strings[name] for name in (*wanted.text, *wanted.optional_text) if name in places}
-    return reader.result(words)
+        exact[name], readable = integers(cells[name], digits, wanted.decimal)
+        reader.refuse_rows(name, cells[name], readable)
+    numbers: dict[str, Float64] = {}
+    for name in (*wanted.numeric, *(name for name in wanted.optional if name in places)):
+        numbers[name], readable = floats(cells[name], wanted.decimal)
+        if name in wanted.numeric:
+            reader.refuse_rows(name, cells[name], readable)
+        else:
+            reader.note_cells(name, cells[name], ~readable & ~_is_empty(cells[name]))
+    reader.check_share(dialect)
+    good = reader.good
+    words = {name: cells[name].filter(pa.array(good)) for name in wanted.words if name in places}
+    return CsvRows(
+        int(good.sum()),
+        {name: values[good] for name, values in numbers.items()},
+        {name: values[good] for name, values in exact.items()},
+        {name: text_column(column.dictionary_encode()) for name, column in words.items()},
+        {name: np.flatnonzero(bad[good]) for name, bad in reader.bad_cells.items()},
+        [*_bad_events("bad_row", path, sorted(refused), "row refused"), *events, *reader.events],
+        reader.lines[good],
+    )
 
 
 def _rows_of_this_log(rows: pa.Array, measured: list[pa.Array], read: set[int]) -> Bool:
@@ -143,24 +156,20 @@ def _is_empty(cells: pa.Array) -> Bool:
 
 
 class _ColumnReader:
-    """Turns columns of strings into numbers and collects unreadable cells."""
+    """Collects the rows and cells that cannot be read."""
 
-    def __init__(
-        self, path: Path, dialect: Dialect, lines: Int64, complaints: list[_Complaint], decimal: str
-    ) -> None:
+    def __init__(self, path: Path, wanted: ColumnSelection, lines: Int64, refused: list[_Complaint]) -> None:
         self.path = path
-        self.dialect = dialect
+        self.wanted = wanted
         self.lines = lines
-        self.decimal = decimal
-        self.refused = complaints
-        self.unreadable: dict[str, Bool] = {}
-        self.advice: dict[str, str] = {}  # by column, what its first bad cell suggests
+        self.refused = refused
         self.good = np.ones(len(lines), np.bool_)
-        self.rows = CsvRows()
+        self.bad_cells: dict[str, Bool] = {}  # of optional columns
+        self.events: list[Event] = []
 
-    def read_dates(self, calendar: Calendar, parts: list[pa.Array]) -> None:
-        self.rows.exact[calendar.columns[-1]], readable = calendar.to_gps(parts)
-        name, advice = "' and '".join(calendar.columns), partial(date_advice, calendar=calendar)
+    def dates(self, calendar: Calendar, parts: list[pa.Array]) -> Int64:
+        t_ns, readable = calendar.to_gps(parts)
+        name = "' and '".join(calendar.columns)
         if (zoned := calendar.contradicting_cell(parts)) is not None:
             raise TimeError(
                 f"'{_short(zoned[1])}' has a zone, and the flight file declares GPS time, which has none",
@@ -170,108 +179,74 @@ class _ColumnReader:
                 key="time.scale",
                 advice="write scale = 'utc' in place of 'gps'; dates in GPS time are written without a zone",
             )
-        self._refuse_rows(name, calendar.joined(parts), readable, "not a date and time", advice)
+        self._refuse(name, calendar.joined(parts), readable, "not a date and time")
+        return t_ns
 
-    def read_integers(self, name: str, cells: pa.Array, digits: int) -> None:
-        self.rows.exact[name], readable = integers(cells, digits, self.decimal)
-        self._refuse_rows(name, cells, readable)
+    def refuse_rows(self, name: str, cells: pa.Array, readable: Bool) -> None:
+        """Refuse rows whose required number cannot be read."""
+        self._refuse_foreign_numbers(name, cells, self.good & ~readable, len(cells))
+        self._refuse(name, cells, readable, _NO_NUMBER)
 
-    def read_required(self, name: str, cells: pa.Array) -> None:
-        self.rows.columns[name], readable = floats(cells, self.decimal)
-        self._refuse_rows(name, cells, readable)
+    def note_cells(self, name: str, cells: pa.Array, bad: Bool) -> None:
+        """Note the cells of an optional column that are neither empty nor numbers."""
+        if bad.any():
+            self._refuse_foreign_numbers(name, cells, bad, int((~_is_empty(cells)).sum()))
+            self.bad_cells[name] = bad
+            complaints = self._complaints(name, cells, bad, _NO_NUMBER)
+            self.events += _bad_events("bad_cell", self.path, complaints, "cell left empty")
 
-    def read_optional(self, name: str, cells: pa.Array) -> None:
-        self.rows.columns[name], readable = floats(cells, self.decimal)
-        empty = _is_empty(cells)
-        self.unreadable[name] = ~(readable | empty)
-        bad = np.flatnonzero(self.unreadable[name])
-        self._refuse_foreign_numbers(name, cells, bad, int((~empty).sum()))
-        complaints = self._complaints(name, cells, bad, _NO_NUMBER)
-        self.rows.events += _bad_events("bad_cell", self.path, complaints, "cell left empty")
-
-    def _refuse_rows(
-        self,
-        name: str,
-        cells: pa.Array,
-        readable: Bool,
-        fault: str = _NO_NUMBER,
-        advice: Callable[[str], str] = number_advice,
-    ) -> None:
-        bad = np.flatnonzero(self.good & ~readable)
-        if fault == _NO_NUMBER:
-            self._refuse_foreign_numbers(name, cells, bad, len(cells))
-        self.refused += self._complaints(name, cells, bad, fault)
-        if len(bad):
-            first = cells[int(bad[0])].as_py()
-            foreign = foreign_number(first, self.decimal) if fault == _NO_NUMBER else None
-            self.advice[name] = advice(first) if foreign is None else foreign[1]
+    def _refuse(self, name: str, cells: pa.Array, readable: Bool, fault: str) -> None:
+        self.refused += self._complaints(name, cells, self.good & ~readable, fault)
         self.good &= readable
 
-    def _complaints(
-        self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp], fault: str
-    ) -> list[_Complaint]:
-        texts = cells.take(pa.array(bad)).to_pylist()
+    def _complaints(self, name: str, cells: pa.Array, bad: Bool, fault: str) -> list[_Complaint]:
         return [
-            _Complaint(line, name, f"'{_short(cell)}' is {fault}" if cell else "empty cell")
-            for line, cell in zip(self.lines[bad].tolist(), texts, strict=True)
+            _Complaint(line, name, f"'{_short(cell)}' is {fault}" if cell else "empty cell", cell)
+            for line, cell in zip(
+                self.lines[bad].tolist(), cells.filter(pa.array(bad)).to_pylist(), strict=True
+            )
         ]
 
-    def _refuse_foreign_numbers(
-        self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp], filled: int
-    ) -> None:
+    def _refuse_foreign_numbers(self, name: str, cells: pa.Array, bad: Bool, filled: int) -> None:
         """Raise when so many of a column's filled cells are such numbers that it is not damage of a few cells."""
         most = min(most_bad_rows(filled), filled / 2)
-        if len(bad) <= most:
+        if np.count_nonzero(bad) <= most:
             return
-        texts = cells.take(pa.array(bad)).to_pylist()
-        foreign = (
-            (i, found)
-            for i, cell in zip(bad, texts, strict=True)
-            if (found := foreign_number(cell, self.decimal)) is not None
-        )
-        seen = list(islice(foreign, int(most) + 1))
-        if len(seen) > most:
-            i, (message, advice) = seen[0]
-            raise ColumnError(message, file=self.path, line=int(self.lines[i]), column=name, advice=advice)
+        foreign = np.flatnonzero(bad & are_foreign(cells, self.wanted.decimal))
+        if len(foreign) > most:
+            cell = cells[int(foreign[0])].as_py()
+            message, advice = foreign_advice(cell, self.wanted.decimal)
+            line = int(self.lines[foreign[0]])
+            raise ColumnError(message, file=self.path, line=line, column=name, advice=advice)
 
-    def check_share(self) -> None:
+    def check_share(self, dialect: Dialect) -> None:
         """Raise when so many rows are bad that the file is something else than the flight file says."""
-        total = len(self.lines) + sum(complaint.column is None for complaint in self.refused)
+        total = len(self.lines) + sum(not complaint.column for complaint in self.refused)
         if len(self.refused) <= most_bad_rows(total):
             return
-        first = sorted(self.refused, key=lambda complaint: complaint.line)[:5]
+        first = sorted(self.refused)[:5]
         listed = "; ".join(
             f"line {c.line}" + (f" '{c.column}'" if c.column else "") + f": {c.reason}" for c in first
-        )
-        width, mark = len(self.dialect.columns), DELIMITER_NAMES[self.dialect.delimiter]
-        of_lines = (
-            f"line {self.dialect.header_line} has {width} columns parted by {mark}; look for decimal commas,"
-            " a second header or another file's rows"
         )
         raise ColumnError(
             f"{len(self.refused)} of {total} rows cannot be read: {listed}",
             file=self.path,
             line=first[0].line,
-            column=first[0].column,
-            advice=self.advice.get(first[0].column or "", of_lines),
+            column=first[0].column or None,
+            advice=self._advice(first[0], dialect),
         )
 
-    def result(self, text: dict[str, pa.Array]) -> CsvRows:
-        """Return the good rows only."""
-        keep = np.flatnonzero(self.good)
-        rows = self.rows
-        rows.n, rows.lines = len(keep), self.lines[keep]
-        if len(keep) < len(self.good):
-            rows.columns = {name: values[keep] for name, values in rows.columns.items()}
-            rows.exact = {name: values[keep] for name, values in rows.exact.items()}
-            text = {name: cells.take(pa.array(keep)) for name, cells in text.items()}
-        for name, cells in text.items():
-            rows.text[name] = text_column(cells.dictionary_encode())
-        bad = {name: np.flatnonzero(found[keep]) for name, found in self.unreadable.items() if found.any()}
-        rows.bad_cells = {name: found.astype(np.int64) for name, found in bad.items()}
-        refused = sorted(self.refused, key=lambda complaint: complaint.line)
-        rows.events = _bad_events("bad_row", self.path, refused, "row refused") + rows.events
-        return rows
+    def _advice(self, complaint: _Complaint, dialect: Dialect) -> str:
+        calendar = self.wanted.calendar
+        if not complaint.column:
+            width, mark = len(dialect.columns), DELIMITER_NAMES[dialect.delimiter]
+            return (
+                f"line {dialect.header_line} has {width} columns parted by {mark}; look for decimal commas,"
+                " a second header or another file's rows"
+            )
+        if calendar is not None and complaint.column == "' and '".join(calendar.columns):
+            return date_advice(complaint.cell, calendar)
+        return number_advice(complaint.cell, self.wanted.decimal)
 
 
 def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: str) -> list[Event]:
@@ -313,9 +288,9 @@ def _split_lines(data: bytes, dialect: Dialect, cut: bool) -> tuple[pa.Array, In
     filled = pc.invert(pc.match_substring_regex(lines, _NOTHING)).to_numpy(zero_copy_only=False)
     numbers = np.flatnonzero(filled) + 1
     numbers = numbers[numbers > dialect.skip]
-    complaints = []
+    refused = []
     if cut and len(numbers) and numbers[-1] == len(lines):
-        complaints.append(_Complaint(len(lines), None, "the file ends in the middle of this line"))
+        refused.append(_Complaint(len(lines), "", "the file ends in the middle of this line"))
         numbers = numbers[:-1]
     rows = _cells(lines.take(pa.array(numbers - 1)), dialect.delimiter)
     count = pc.list_value_length(rows).to_numpy(zero_copy_only=False)
@@ -324,12 +299,12 @@ def _split_lines(data: bytes, dialect: Dialect, cut: bool) -> tuple[pa.Array, In
     longer = np.flatnonzero(count == expected + 1)
     last = pc.list_element(rows.take(pa.array(longer)), expected)
     fits[longer] = pc.match_substring_regex(last, r"^\s*$")  # a delimiter at the line's end
-    complaints += [
-        _Complaint(int(numbers[i]), None, f"{count[i]} cells where line {dialect.header_line} has {expected}")
+    refused += [
+        _Complaint(int(numbers[i]), "", f"{count[i]} cells where line {dialect.header_line} has {expected}")
         for i in np.flatnonzero(~fits)
     ]
     kept = np.flatnonzero(fits)
-    return rows.take(pa.array(kept)), numbers[kept], complaints
+    return rows.take(pa.array(kept)), numbers[kept], refused
 
 
 def _cells(lines: pa.Array, delimiter: str) -> pa.Array:

@@ -6,6 +6,7 @@ or infinite, the whole file is read the exact way (``csv.exact``).
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, BinaryIO, Final
@@ -33,20 +34,21 @@ def read_fast(
     """Return the wanted columns of a file, None when anything in it needs the exact path."""
     parser = _Parser(dialect, places, wanted)
     workers = min(pa.cpu_count(), MOST_WORKERS)
-    parsed: list[Future[_Columns]] = []
+    parts: list[_Columns] = []
+    waiting: deque[Future[_Columns]] = deque()
     try:
         with ThreadPoolExecutor(workers) as pool:
-            for piece in _pieces(stream):
-                parsed.append(pool.submit(parser.parse, piece, 0 if parsed else dialect.skip))
-                if len(parsed) > workers:
-                    parsed[-workers - 1].result()
-            parts = [piece.result() for piece in parsed]
-            names = list(parts[0])
-            n = sum(len(part[names[0]]) for part in parts)
-            columns = {name: _column(name, parts) for name in names}
+            for number, piece in enumerate(_pieces(stream)):
+                waiting.append(pool.submit(parser.parse, piece, 0 if number else dialect.skip))
+                if len(waiting) > workers:
+                    parts.append(waiting.popleft().result())
+            parts += [piece.result() for piece in waiting]
     except (pa.ArrowInvalid, _NotPlainError):
         return None
-    text = {name: columns.pop(name) for name in (*wanted.text, *wanted.optional_text) if name in columns}
+    names = list(parts[0])
+    n = sum(len(part[names[0]]) for part in parts)
+    columns = {name: _column(name, parts) for name in names}
+    text = {name: columns.pop(name) for name in wanted.words if name in columns}
     exact = {name: columns.pop(name) for name in wanted.integers}
     return CsvRows(n, columns, exact, text)
 
@@ -72,7 +74,7 @@ class _Parser:
         types = dict.fromkeys((*wanted.numeric, *wanted.optional), pa.float64())
         types |= dict.fromkeys(wanted.exact, DECIMALS)
         types |= dict.fromkeys(wanted.dates, pa.string())
-        types |= dict.fromkeys((*wanted.text, *wanted.optional_text), pa.dictionary(pa.int32(), pa.string()))
+        types |= dict.fromkeys(wanted.words, pa.dictionary(pa.int32(), pa.string()))
         self.wanted = wanted
         self.places = {name: str(place) for name, place in places.items()}
         self.names = [str(place) for place in range(len(dialect.columns))]

@@ -73,9 +73,13 @@ def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
     buffer = file_buffer(path)
     dialect = detect_dialect(memoryview(buffer), wanted.all, wanted.required, wanted.decimal, path)
     places = column_places(dialect, wanted, path)
-    rows = _read_fast(buffer, path, dialect, places, wanted)
+    cut = last_line_is_cut(memoryview(buffer), dialect.delimiter)
+    rows = None
+    if not cut and dialect.delimiter != " ":
+        with byte_stream(path, buffer) as stream:
+            rows = read_fast(stream, dialect, places, wanted)
     if rows is None:
-        rows = read_exact(buffer, path, dialect, places, wanted)
+        rows = read_exact(buffer, path, dialect, places, wanted, cut=cut)
     pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
     if rows.n == 0:
         raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
@@ -103,13 +107,3 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
     if unread:
         events.append(Event(None, "columns_not_read", f"{path} has further columns: {', '.join(unread)}"))
     return events
-
-
-def _read_fast(
-    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection
-) -> CsvRows | None:
-    """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
-    if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):
-        return None
-    with byte_stream(path, buffer) as stream:
-        return read_fast(stream, dialect, places, wanted)
