@@ -22,10 +22,10 @@ from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable
-from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, read_timed_table
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.observations import read_rinex_obs
-from insgnss.log.stated_format import read_table
+from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band
@@ -78,16 +78,14 @@ def _read_file(
     config: Gnss, path: Path, week: int, previous_ns: int | None, elsewhere: Sequence[str]
 ) -> tuple[GnssTable, list[Event]]:
     names = config.columns
-    wanted = replace(wanted_with_time(config, _wanted(names)), elsewhere=elsewhere)
-    table = read_table(path, wanted, of_gnss=True)
-    t_ns, rows, timing = gps_times(table, config, week)
-    table = table if rows is None else table.take(rows)
+    with naming_format(path, of_gnss=True):
+        t_ns, table = read_timed_table(path, config, replace(_wanted(names), elsewhere=elsewhere), week)
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
-    events = _table_events(table, names) + timing + continued + bad_names + assumed
+    events = _table_events(table, names) + continued + bad_names + assumed
     events += _sigma_events(table, (names.sigma_pseudorange, names.sigma_range_rate), path)
     events += _unknown_signals(table, config, sv, sv_names, path)
     states, unused = _satellite_states(table, config, path)

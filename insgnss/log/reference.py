@@ -12,9 +12,9 @@ from insgnss.errors import ColumnError, InputError
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
 from insgnss.log.csv.table import CsvTable
-from insgnss.log.csv.time_tags import gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import read_timed_table
 from insgnss.log.own_solution import on_earth
-from insgnss.log.stated_format import read_table
+from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Int64, ReferenceTable
 
 
@@ -41,12 +41,11 @@ def read_reference(
         chosen=(*names.chosen_names(), *needed),
         elsewhere=shared.get(config.file, ()),
     )
-    table = read_table(config.file, wanted_with_time(config, wanted))
-    t_ns, rows, events = gps_times(table, config, week)
-    table = table if rows is None else table.take(rows)
-    possible, impossible = _possible_rows(table, config)
-    if impossible:
-        t_ns, table, events = t_ns[possible], table.take(possible), events + impossible
+    with naming_format(config.file):
+        t_ns, table = read_timed_table(config.file, config, wanted, week)
+    possible, events = _possible_rows(table, config)
+    if events:
+        t_ns, table = t_ns[possible], table.take(possible)
     t_ns, order = np.unique(t_ns, return_index=True)
     if len(order) != table.n or (np.diff(order) < 0).any():
         detail = (

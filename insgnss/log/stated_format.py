@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar
 
 from insgnss.config.flight import Base, Gnss, LogFormat
 from insgnss.errors import InputError, MissingFileError
-from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.detect import NAMES, Format, detect_format
 
 # what a flight file calls the formats of GNSS logs that it may name; the others have to be converted
@@ -34,8 +34,9 @@ def with_stated_format(log: _Log) -> _Log:
     return log if stated not in _DECLARED else log.model_copy(update={"format": _DECLARED[stated]})
 
 
-def read_table(path: Path, wanted: ColumnSelection, *, of_gnss: bool = False) -> CsvTable:
-    """Read a log that is declared as a table, as ``read_csv_table`` does.
+@contextmanager
+def naming_format(path: Path, *, of_gnss: bool = False) -> Iterator[None]:
+    """Name the format of a file that is read as a table, where that fails and it is a file of another kind.
 
     Parameters
     ----------
@@ -43,10 +44,10 @@ def read_table(path: Path, wanted: ColumnSelection, *, of_gnss: bool = False) ->
 
     Raises
     ------
-    InputError or a subclass : as ``read_csv_table``; the advice names the format of another kind of file
+    InputError or a subclass : that of the reader; the advice names the format
     """
     try:
-        return read_csv_table(path, wanted)
+        yield
     except MissingFileError:
         raise
     except InputError as error:

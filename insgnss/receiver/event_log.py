@@ -10,8 +10,8 @@ import numpy as np
 from insgnss.config.log_table import LogTable, TimeScale
 from insgnss.errors import ColumnError
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import CsvTable, read_csv_table
-from insgnss.log.csv.time_tags import gps_times, wanted_with_time
+from insgnss.log.csv.table import CsvTable
+from insgnss.log.csv.time_tags import read_timed_table
 from insgnss.log.satellites import normalised_name
 from insgnss.receiver.events import EVENT_NAMES, ReceiverEvents
 from insgnss.tables import Event, Int64
@@ -28,9 +28,7 @@ def read_receiver_events(
     ColumnError : an event or a satellite is unknown; the error names the line and the nearest event
     """
     times = LogTable(time=TimeScale() if scale is None else scale)
-    table = read_csv_table(path, wanted_with_time(times, ColumnSelection(text=("sv", "event"))))
-    t_ns, rows, events = gps_times(table, times, week)
-    table = table if rows is None else table.take(rows)
+    t_ns, table = read_timed_table(path, times, ColumnSelection(text=("sv", "event")), week)
     word_code = np.array([_event_code(word, table) for word in table.text["event"].words], np.int64)
     names = [_satellite(word, table) for word in table.text["sv"].words]
     sv_names = tuple(sorted(set(names)))
@@ -38,7 +36,7 @@ def read_receiver_events(
     sv, event = name_code[table.text["sv"].codes], word_code[table.text["event"].codes]
     kept, noticed = _in_order(t_ns, sv, event, path)
     log = ReceiverEvents(t_ns[kept], sv[kept].astype(np.int16), event[kept].astype(np.int8), sv_names)
-    return log, table.events + events + noticed
+    return log, table.events + noticed
 
 
 def _event_code(word: str, table: CsvTable) -> int:

@@ -18,8 +18,7 @@ from insgnss.config.log_table import LogTable
 from insgnss.errors import ColumnError, TimeError
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import read_timed_table
 from insgnss.tables import Event, Int64
 from tests.log.writing import WEEK, write_lines
 
@@ -142,9 +141,8 @@ def read(
 ) -> tuple[Int64, list[Event]]:
     log = LogTable.model_validate({"columns": columns, "time": {"origin": "calendar", **time}})
     path = write_lines(folder / "log.csv", [header, *rows])
-    table = read_csv_table(path, wanted_with_time(log, ColumnSelection(numeric=("x",))))
-    t_ns, _, events = gps_times(table, log, WEEK)
-    return t_ns, table.events + events
+    t_ns, table = read_timed_table(path, log, ColumnSelection(numeric=("x",)), WEEK)
+    return t_ns, table.events
 
 
 def ns_of(when: dt.datetime, leap: int = 0) -> int:
@@ -474,7 +472,7 @@ def test_times_of_another_form_are_an_error_that_names_the_keys(
     log = LogTable.model_validate({"columns": {"time": "t"}, "time": time})
     path = write_lines(tmp_path / "log.csv", ["x,t", *(f"1,{cell}" for _ in range(20))])
     with pytest.raises(ColumnError) as caught:
-        read_csv_table(path, wanted_with_time(log, ColumnSelection(numeric=("x",))))
+        read_timed_table(path, log, ColumnSelection(numeric=("x",)), WEEK)
     assert (caught.value.line, caught.value.column) == (2, "t")
     assert advice in caught.value.advice
     assert "decimal comma" not in str(caught.value) and "thousands" not in str(caught.value)

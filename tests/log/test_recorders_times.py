@@ -16,8 +16,7 @@ from insgnss.errors import ColumnError, TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, read_timed_table
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.tables import Event, Int64
@@ -33,9 +32,8 @@ def read(
 ) -> tuple[Int64, list[Event]]:
     log = LogTable.model_validate({"columns": columns, "time": time})
     path = write_lines(folder / "log.csv", [header, *(f"{row};1" for row in rows)])
-    table = read_csv_table(path, wanted_with_time(log, ColumnSelection(numeric=("x",))))
-    t_ns, _, events = gps_times(table, log, WEEK)
-    return t_ns, [event for event in table.events + events if event.kind != "csv_delimiter"]
+    t_ns, table = read_timed_table(path, log, ColumnSelection(numeric=("x",)), WEEK)
+    return t_ns, [event for event in table.events if event.kind != "csv_delimiter"]
 
 
 def clock(seconds: float) -> str:

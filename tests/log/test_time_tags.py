@@ -12,8 +12,7 @@ from insgnss.config.log_table import LogTable
 from insgnss.errors import TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, read_timed_table
 from insgnss.tables import Event, Int64
 from tests.log.writing import WEEK, write_lines
 
@@ -25,9 +24,8 @@ FIRST_UNIX_GPS_NS = FIRST_NS + 315_964_800 * 10**9
 def times(folder: Path, cells: list[str], **settings: object) -> tuple[Int64, list[Event]]:
     log = LogTable.model_validate({"columns": {"time": "t"}, "time": settings})
     path = write_lines(folder / "log.csv", ["t,x", *(f"{cell},1" for cell in cells)])
-    table = read_csv_table(path, wanted_with_time(log, ColumnSelection(numeric=("x",))))
-    t_ns, _, events = gps_times(table, log, WEEK)
-    return t_ns, events
+    t_ns, table = read_timed_table(path, log, ColumnSelection(numeric=("x",)), WEEK)
+    return t_ns, table.events
 
 
 def decimal(ns: int, digits: int) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import repeat
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -16,7 +18,7 @@ from insgnss.errors import TimeError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.columns import ColumnSelection
-from insgnss.log.csv.table import CsvTable
+from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.first_events import first_events
 from insgnss.tables import Bool, Event, Int64
 
@@ -70,21 +72,16 @@ def _time(log: LogTable) -> str:
     return log.columns.time_names[-1]
 
 
-def gps_times(
-    table: CsvTable, log: LogTable, week: int
-) -> tuple[Int64, npt.NDArray[np.intp] | None, list[Event]]:
-    """Return GPS time [ns] of the rows of a table that was read with ``wanted_with_time``.
-
-    Returns
-    -------
-    The times, the rows they belong to (None: all; a tag that is not a date refuses its row), and what was noticed.
+def read_timed_table(path: Path, log: LogTable, wanted: ColumnSelection, week: int) -> tuple[Int64, CsvTable]:
+    """Read the wanted columns of a log's file, and GPS time [ns] of each row; rows without a possible one are refused.
 
     Raises
     ------
+    InputError or a subclass : as ``read_csv_table``
     TimeError : most times lie outside any GPS date: wrong unit or origin
     """
+    table = read_csv_table(path, wanted_with_time(log, wanted))
     names, scale = log.columns, log.time
-    column = "' and '".join(names.of_time)
     if is_exact(scale):
         t_ns = table.exact[_time(log)]
         if scale.origin == "unix_epoch":
@@ -96,20 +93,20 @@ def gps_times(
         fraction_ns = table.exact[names.nanoseconds]
         possible &= (fraction_ns >= 0) & (fraction_ns < NS_PER_S)
         t_ns = t_ns + np.where(possible, fraction_ns, 0)
-    rows, events = _possible_rows(table, column, scale, possible)
+    if not possible.all():
+        _require_some(table, log, possible)
+        t_ns, table = _without(t_ns, table, log, ~possible, repeat("not a date"))
     has_date = is_exact(scale) or names.week != NO_COLUMN
     if names.week != NO_COLUMN:
-        _require_whole_weeks(table, log, t_ns if rows is None else t_ns[rows])
+        _require_whole_weeks(table, log, t_ns)
     if has_date:
-        rows, found = _rows_of_one_log(table, column, t_ns, rows)
-        events += found
-    t_ns = t_ns if rows is None else t_ns[rows]
+        t_ns, table = _rows_of_one_log(t_ns, table, log)
     if names.date_names or scale.date is not None:
-        events += _unwrap_days(t_ns, scale, str(table.path))
+        table.events += _unwrap_days(t_ns, scale, str(path))
     if not has_date:
-        events += _unwrap_week(t_ns, str(table.path), week)
+        table.events += _unwrap_week(t_ns, str(path), week)
         t_ns += week * NS_PER_WEEK
-    return _to_gps(t_ns, scale, str(table.path), events), rows, events
+    return _to_gps(t_ns, scale, str(path), table.events), table
 
 
 def _of_weeks(table: CsvTable, log: LogTable) -> tuple[Int64, Bool]:
@@ -148,59 +145,60 @@ def _require_whole_weeks(table: CsvTable, log: LogTable, t_ns: Int64) -> None:
     )
 
 
-def _possible_rows(
-    table: CsvTable, column: str, scale: TimeScale, possible: Bool
-) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
-    if possible.all():
-        return None, []
-    rows = np.flatnonzero(possible)
-    bad = np.flatnonzero(~possible)
-    if len(bad) > len(rows):
-        meant = f"times since the {scale.origin} in {scale.unit}"
-        if scale.origin == "gps_week":
-            meant = f"seconds of a GPS week in {scale.unit}"
-        if scale.origin == "calendar":
-            meant = "dates after 1980"
-        raise TimeError(
-            f"the time tags are not {meant}",
-            file=table.path,
-            line=int(table.line[bad[0]]),
-            column=column,
-            advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch', 'calendar') in the flight"
-            " file",
-        )
-    return rows, _refusals(table, column, bad, ["not a date"] * len(bad))
+def _require_some(table: CsvTable, log: LogTable, possible: Bool) -> None:
+    """Refuse a file of which most times are impossible.
+
+    Raises
+    ------
+    TimeError : they are
+    """
+    bad, scale = np.flatnonzero(~possible), log.time
+    if 2 * len(bad) <= table.n:
+        return
+    meant = f"times since the {scale.origin} in {scale.unit}"
+    if scale.origin == "gps_week":
+        meant = f"seconds of a GPS week in {scale.unit}"
+    if scale.origin == "calendar":
+        meant = "dates after 1980"
+    raise TimeError(
+        f"the time tags are not {meant}",
+        file=table.path,
+        line=int(table.line[bad[0]]),
+        column="' and '".join(log.columns.of_time),
+        advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch', 'calendar') in the flight file",
+    )
 
 
-def _rows_of_one_log(
-    table: CsvTable, column: str, t_ns: Int64, rows: npt.NDArray[np.intp] | None
-) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
+def _rows_of_one_log(t_ns: Int64, table: CsvTable, log: LogTable) -> tuple[Int64, CsvTable]:
     """Refuse rows whose date is half a year and more from the middle one: a recorder's clock was not yet set."""
-    times_ns = t_ns if rows is None else t_ns[rows]
-    if int(times_ns.max()) - int(times_ns.min()) <= STRAY_NS:
-        return rows, []
-    kept = np.arange(len(t_ns)) if rows is None else rows
-    away = times_ns - middle_ns(times_ns)
+    if int(t_ns.max()) - int(t_ns.min()) <= STRAY_NS:
+        return t_ns, table
+    away = t_ns - middle_ns(t_ns)
     stray = np.abs(away) > STRAY_NS
-    if not stray.any():
-        return rows, []
     years = away[stray] / (365.25 * 86_400 * NS_PER_S)
     reasons = [f"{abs(y):.1f} years {'before' if y < 0 else 'after'} the middle of the log" for y in years]
-    return kept[~stray], _refusals(table, column, kept[stray], reasons)
+    return _without(t_ns, table, log, stray, reasons)
+
+
+def _without(
+    t_ns: Int64, table: CsvTable, log: LogTable, bad: Bool, reasons: Iterable[str]
+) -> tuple[Int64, CsvTable]:
+    """Return the rows that are not bad; each of the others is refused for its reason."""
+    column = "' and '".join(log.columns.of_time)
+
+    def event(refused: tuple[int, str]) -> Event:
+        line, reason = refused
+        return Event(None, "bad_row", f"{table.path}:{line}, column '{column}': {reason}; row refused")
+
+    refused = list(zip(table.line[bad].tolist(), reasons, strict=False))
+    table.events += first_events(refused, event, table.path, "row refused")
+    return t_ns[~bad], table.take(np.flatnonzero(~bad))
 
 
 def middle_ns(t_ns: Int64) -> int:
     """Return the median tag [ns], one of the log's own: it stays where it is when some tags are wrong."""
     half = len(t_ns) // 2
     return int(np.partition(t_ns, half)[half])
-
-
-def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: Sequence[str]) -> list[Event]:
-    def event(k: int) -> Event:
-        place = f"{table.path}:{table.line[bad[k]]}, column '{column}'"
-        return Event(None, "bad_row", f"{place}: {reasons[k]}; row refused")
-
-    return first_events(range(len(bad)), event, table.path, "row refused")
 
 
 def _turns(t_ns: Int64, period_ns: int) -> tuple[npt.NDArray[np.intp], Int64]:

@@ -20,7 +20,7 @@ from insgnss.errors import ColumnError, ConfigError, InputError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import read_csv_table
-from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, read_timed_table, wanted_with_time
 from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
 from insgnss.log.imu.faults import SensorTriad, fault_events
 from insgnss.log.imu.frozen import frozen_events
@@ -28,7 +28,7 @@ from insgnss.log.imu.increment_steps import increment_intervals
 from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.log.imu.units import check_units
 from insgnss.log.sensor_pairs import paired
-from insgnss.log.stated_format import read_table
+from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
@@ -211,7 +211,8 @@ def _read_file(
     (gyro, accel), (week, previous_ns) = names, after
     wanted = ColumnSelection(numeric=(*gyro, *accel), elsewhere=elsewhere)
     try:
-        table = read_table(path, wanted_with_time(config, wanted))
+        with naming_format(path):
+            t_ns, table = read_timed_table(path, config, wanted, week)
     except ColumnError as error:
         if not gyro or not accel or not _has_one_sensor(config, path):
             raise
@@ -225,11 +226,10 @@ def _read_file(
             column=error.column,
             advice=f"{advice}; or {error.advice}",
         ) from error
-    t_ns, rows, events = gps_times(table, config, week)
-    columns = [table.columns[name] if rows is None else table.columns[name][rows] for name in (*gyro, *accel)]
+    columns = [table.columns[name] for name in (*gyro, *accel)]
     raw, refused = _in_order(_RawColumns(t_ns, columns[: len(gyro)], columns[len(gyro) :]), str(path))
     raw.t_ns, continued = continued_times(raw.t_ns, previous_ns, config, str(path))
-    return raw, table.events + events + refused + continued
+    return raw, table.events + refused + continued
 
 
 def _has_one_sensor(config: ImuConfig, path: Path) -> bool:

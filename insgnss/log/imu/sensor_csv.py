@@ -30,9 +30,9 @@ from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import CsvTable
-from insgnss.log.csv.time_tags import continued_times, gps_times, wanted_with_time
+from insgnss.log.csv.time_tags import continued_times, read_timed_table
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
-from insgnss.log.stated_format import read_table
+from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
@@ -70,18 +70,16 @@ def read_sensor(
     events: list[Event] = []
     for path in config.files:
         elsewhere = shared.get(path, ())
-        wanted = replace(wanted_with_time(config, _wanted(config)), elsewhere=elsewhere)
-        table = read_table(path, wanted)
-        t_ns, rows, found = gps_times(table, config, week)
-        table = table if rows is None else table.take(rows)
+        wanted = replace(_wanted(config), elsewhere=elsewhere)
+        with naming_format(path):
+            t_ns, table = read_timed_table(path, config, wanted, week)
         if set(elsewhere) - set(config.columns.all_names()):
-            t_ns, table, without = _rows_with_readings(config, t_ns, table)
-            found = found + without
+            t_ns, table = _rows_with_readings(config, t_ns, table)
         t_ns, later = continued_times(t_ns, int(parts[-1][0][-1]) if parts else None, config, str(path))
         values = np.column_stack([table.column_or_nan(name) for name in config.value_columns])
         sigma = [table.column_or_nan(name) for name in config.sigma_columns]
         converted = _CONVERSIONS[type(config)](config, values)
-        events += table.events + found + later + _bad_values(config, table, converted)
+        events += table.events + later + _bad_values(config, table, converted)
         parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
     readings, reordered = _in_time_order(config, *(np.concatenate(each) for each in zip(*parts, strict=True)))
     if isinstance(config, Odometer) and config.metres_per_count is not None:
@@ -90,7 +88,7 @@ def read_sensor(
     return readings, events + reordered
 
 
-def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[Int64, CsvTable, list[Event]]:
+def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[Int64, CsvTable]:
     """Return the rows in which a value of the sensor is written, and an event where others are left out."""
     names = [name for name in config.value_columns if name in table.columns]
     written = np.zeros(table.n, np.bool_)
@@ -98,13 +96,14 @@ def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[I
         written |= ~np.isnan(table.columns[name])
         written[table.bad_cells.get(name, [])] = True
     if written.all() or not written.any():
-        return t_ns, table, []
+        return t_ns, table
     kept = np.flatnonzero(written)
     detail = (
         f"{table.path}: {table.n - len(kept)} of {table.n} rows hold no {config.kind} reading, only those of other"
         " logs of the file"
     )
-    return t_ns[kept], table.take(kept), [Event(None, "sensor_rows_without_reading", detail)]
+    table.events.append(Event(None, "sensor_rows_without_reading", detail))
+    return t_ns[kept], table.take(kept)
 
 
 def _in_time_order(
