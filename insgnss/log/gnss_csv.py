@@ -83,7 +83,7 @@ def _read_file(
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
-    pseudorange_m = _values(table, names.pseudorange, path, required=True)
+    pseudorange_m = table.columns[names.pseudorange]
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
     events = _table_events(table, names) + continued + bad_names + assumed
     events += _sigma_events(table, (names.sigma_pseudorange, names.sigma_range_rate), path)
@@ -95,9 +95,9 @@ def _read_file(
         sv,
         signal,
         pseudorange_m,
-        _values(table, names.doppler, path),
-        _values(table, names.range_rate, path),
-        _values(table, names.cn0, path),
+        table.column_or_nan(names.doppler),
+        table.column_or_nan(names.range_rate),
+        table.column_or_nan(names.cn0),
         sv_names,
         signal_names,
         states,
@@ -128,7 +128,7 @@ def _wanted(names: GnssColumns) -> ColumnSelection:
         ),
         text=(names.sv,),
         optional_text=(names.signal, names.system),
-        chosen=names.chosen_names(),
+        chosen=(names.pseudorange, *names.chosen_names()),
     )
 
 
@@ -146,21 +146,6 @@ def _table_events(table: CsvTable, names: GnssColumns) -> list[Event]:
 
 def _state_columns(names: GnssColumns) -> tuple[str, ...]:
     return (*names.sat_position, *names.sat_velocity, names.sat_clock, names.sat_clock_drift)
-
-
-def _values(table: CsvTable, name: str, path: Path, *, required: bool = False) -> Float64:
-    """Return an optional column; one that the file has not is a single NaN, spread out without taking room."""
-    if name in table.columns:
-        return table.columns[name]
-    if required:
-        raise ColumnError(
-            "column missing",
-            file=path,
-            line=table.dialect.header_line,
-            column=name,
-            advice=f"the file has {', '.join(table.dialect.columns)}; map the names under gnss.columns",
-        )
-    return np.broadcast_to(np.nan, table.n)
 
 
 def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:

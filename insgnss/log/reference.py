@@ -12,7 +12,7 @@ from insgnss.errors import ColumnError, InputError
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
 from insgnss.log.csv.table import CsvTable
-from insgnss.log.csv.time_tags import read_timed_table
+from insgnss.log.csv.time_tags import each_time_once, read_timed_table
 from insgnss.log.own_solution import on_earth
 from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Int64, ReferenceTable
@@ -46,12 +46,7 @@ def read_reference(
     possible, events = _possible_rows(table, config)
     if events:
         t_ns, table = t_ns[possible], table.take(possible)
-    t_ns, order = np.unique(t_ns, return_index=True)
-    if len(order) != table.n or (np.diff(order) < 0).any():
-        detail = (
-            f"{config.file}: rows sorted by time, {table.n - len(order)} row(s) with a repeated time refused"
-        )
-        events.append(Event(None, "reference_time_order", detail))
+    t_ns, order, reordered = each_time_once(t_ns, config.file, "reference_time_order")
     position = [table.columns[name][order] for name in names.position]
     quality = table.column_or_nan(names.quality)[order]
     reference = ReferenceTable(
@@ -67,7 +62,7 @@ def read_reference(
         else None,
     )
     reference, left_out = _good_rows(reference, config)
-    return reference, table.events + events + left_out
+    return reference, table.events + events + reordered + left_out
 
 
 def _possible_rows(table: CsvTable, config: Reference) -> tuple[Int64, list[Event]]:

@@ -42,8 +42,8 @@ class CsvTable(CsvRows):
         return np.asarray(filled + self.dialect.skip + 1, dtype=np.int64)
 
     def column_or_nan(self, name: str) -> Float64:
-        """Return a column, or NaN where the file has none of this name."""
-        return self.columns[name] if name in self.columns else np.full(self.n, np.nan)
+        """Return a column; one that the file has not is a single NaN, spread out without taking room."""
+        return self.columns[name] if name in self.columns else np.broadcast_to(np.nan, self.n)
 
     def take(self, rows: npt.NDArray[np.intp]) -> CsvTable:
         """Return the table with the given rows, in ascending order."""
@@ -88,22 +88,13 @@ def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
 
 
 def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list[Event]:
-    events = []
-    if dialect.delimiter != ",":
-        events.append(
-            Event(None, "csv_delimiter", f"{path}: columns parted by {DELIMITER_NAMES[dialect.delimiter]}")
-        )
-    if dialect.lines_above:
-        detail = (
-            f"{path}: {dialect.lines_above} line(s) above the header in line {dialect.header_line} skipped"
-        )
-        events.append(Event(None, "csv_lines_skipped", detail))
-    if dialect.header_in_comment:
-        detail = f"{path}:{dialect.header_line}: the column names are in a comment line"
-        events.append(Event(None, "csv_header_in_comment", detail))
-    if not dialect.header_is_utf8:
-        detail = f"{path}:{dialect.header_line}: the header is not UTF-8, read as {FALLBACK_ENCODING}"
-        events.append(Event(None, "csv_encoding", detail))
-    if unread:
-        events.append(Event(None, "columns_not_read", f"{path} has further columns: {', '.join(unread)}"))
-    return events
+    mark, line, above = dialect.delimiter, dialect.header_line, dialect.lines_above
+    named, utf8 = dialect.header_in_comment, dialect.header_is_utf8
+    noticed = {
+        "csv_delimiter": mark != "," and f": columns parted by {DELIMITER_NAMES[mark]}",
+        "csv_lines_skipped": above and f": {above} line(s) above the header in line {line} skipped",
+        "csv_header_in_comment": named and f":{line}: the column names are in a comment line",
+        "csv_encoding": not utf8 and f":{line}: the header is not UTF-8, read as {FALLBACK_ENCODING}",
+        "columns_not_read": unread and f" has further columns: {', '.join(unread)}",
+    }
+    return [Event(None, kind, f"{path}{detail}") for kind, detail in noticed.items() if detail]

@@ -309,3 +309,13 @@ def continued_times(
     t_ns = t_ns + n * period_ns
     kind, goes_on = ("midnight_crossover", "day") if has_days else ("week_crossover", "week")
     return t_ns, [Event(int(t_ns[0]), kind, f"{file}: goes on in the next {goes_on}")]
+
+
+def each_time_once(t_ns: Int64, source: Path, kind: str) -> tuple[Int64, Int64, list[Event]]:
+    """Return the times in order, each once, the rows that they come from, and an event where that changed them."""
+    times_ns, order = np.unique(t_ns, return_index=True)
+    if len(order) == len(t_ns) and (np.diff(order) > 0).all():
+        return times_ns, order, []
+    repeated = len(t_ns) - len(order)
+    detail = f"{source}: rows sorted by time, {repeated} row(s) with a repeated time refused"
+    return times_ns, order, [Event(None, kind, detail)]

@@ -30,7 +30,7 @@ from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import CsvTable
-from insgnss.log.csv.time_tags import continued_times, read_timed_table
+from insgnss.log.csv.time_tags import continued_times, each_time_once, read_timed_table
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
 from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, Int64, SensorTable
@@ -110,12 +110,7 @@ def _in_time_order(
     config: Sensor, t_ns: Int64, values: Float64, sigma: Float64
 ) -> tuple[SensorTable, list[Event]]:
     """Return the readings in the order of their times, each time once, and an event where that changed them."""
-    t_ns, order = np.unique(t_ns, return_index=True)
-    events = []
-    if len(order) != len(values) or (np.diff(order) < 0).any():
-        repeated = len(values) - len(order)
-        detail = f"{config.files[0]}: rows sorted by time, {repeated} row(s) with a repeated time refused"
-        events.append(Event(None, "sensor_time_order", detail))
+    t_ns, order, events = each_time_once(t_ns, config.files[0], "sensor_time_order")
     return SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigma[order])), events
 
 
