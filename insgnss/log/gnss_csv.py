@@ -19,7 +19,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.signals import is_rinex_code
 from insgnss.gnss.table_joining import joined
-from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns, TextColumn
+from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns, TextColumn, missing_column
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, read_timed_table
@@ -83,6 +83,8 @@ def _read_file(
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
+    if names.pseudorange not in table.columns:
+        raise missing_column(names.pseudorange, table.dialect, path)
     pseudorange_m = table.columns[names.pseudorange]
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
     events = _table_events(table, names) + continued + bad_names + assumed
@@ -128,7 +130,7 @@ def _wanted(names: GnssColumns) -> ColumnSelection:
         ),
         text=(names.sv,),
         optional_text=(names.signal, names.system),
-        chosen=(names.pseudorange, *names.chosen_names()),
+        chosen=names.chosen_names(),
     )
 
 

@@ -288,6 +288,14 @@ def test_optional_column_may_be_empty_absent_or_unreadable(tmp_path: Path) -> No
     assert "y" not in read(tmp_path, ["time_s,x,name", "1,2,a"]).columns
 
 
+def test_delimiter_behind_the_first_row_alone_is_not_a_column_of_another_log(tmp_path: Path) -> None:
+    wanted = ColumnSelection(numeric=("t", "x"), measured=("x",))
+    path = write_lines(tmp_path / "log.csv", ["t,x,y", "1,2,,", "2,,5", "3,4,"])
+    table = read_csv_table(path, wanted)
+    assert table.columns["x"].tolist() == [2.0, 4.0]
+    assert [event.kind for event in table.events] == ["columns_not_read", "rows_of_other_logs"]
+
+
 def test_infinite_optional_cell_alone_is_found(tmp_path: Path) -> None:
     table = read(tmp_path, [HEADER, *ROWS[:50], "50.5,0,inf,n0", *ROWS[51:]])
     assert np.isnan(table.columns["y"][50])

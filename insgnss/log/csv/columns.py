@@ -110,7 +110,7 @@ def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict
     """Return the position of each wanted column that the file has."""
     for name in wanted.required:
         if dialect.place(name) is None:
-            raise _missing_column(name, dialect, path)
+            raise missing_column(name, dialect, path)
     for name in wanted.all:
         if dialect.columns.count(name) > 1:
             raise ColumnError(
@@ -130,7 +130,8 @@ def unread_columns(dialect: Dialect, places: Mapping[str, int], wanted: ColumnSe
     return [name or f"#{k + 1}" for k, name in enumerate(dialect.columns) if k not in read]
 
 
-def _missing_column(name: str, dialect: Dialect, path: Path) -> ColumnError:
+def missing_column(name: str, dialect: Dialect, path: Path) -> ColumnError:
+    """Return the error of a column that the file has not, with what it has."""
     present = [column for column in dialect.columns if column]
     if column_number(name) is not None:
         advice = f"the line has {len(dialect.columns)} columns, counted from 1"

@@ -58,20 +58,11 @@ def last_line_is_cut(data: memoryview, delimiter: str) -> bool:
     if len(tail[-1]) < min(map(len, before)):
         return True
     parting = None if delimiter == " " else delimiter.encode()
-    cell = _last_cell(tail[-1], parting)
-    shortest = len(cell) < min(len(_last_cell(line, parting)) for line in before)
-    return len(before) == _CUT_LINES and (shortest or _lacks_exponent_digits(cell, before))
-
-
-def _last_cell(line: bytes, parting: bytes | None) -> bytes:
-    return line.rsplit(parting, 1)[-1].strip()
-
-
-def _lacks_exponent_digits(cell: bytes, before: list[bytes]) -> bool:
-    """Return whether a cell's exponent has fewer digits than any in the lines before: ``e-0`` after ``e-05``."""
-    own = _EXPONENT.search(cell)
-    others = [len(found) for line in before for found in _EXPONENT.findall(line)]
-    return own is not None and bool(others) and len(own[1]) < min(others)
+    *cells, last = (line.rsplit(parting, 1)[-1].strip() for line in (*before, tail[-1]))
+    exponent = _EXPONENT.search(last)
+    exponents = (len(digits) for line in before for digits in _EXPONENT.findall(line))
+    lacks_digits = exponent is not None and len(exponent[1]) < min(exponents, default=0)  # e-0 after e-05
+    return len(before) == _CUT_LINES and (len(last) < min(map(len, cells)) or lacks_digits)
 
 
 def read_exact(
@@ -93,7 +84,8 @@ def read_exact(
     rows, lines, refused = _split_lines(_utf8(buffer), dialect, cut)
     cells = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
     measured = [name for name in wanted.measured if name in places]
-    own = _rows_of_this_log(rows, [cells[name] for name in measured], set(places.values()))
+    others = set(range(len(dialect.columns))) - set(places.values())
+    own = _rows_of_this_log(rows, [cells[name] for name in measured], others)
     events = []
     if not own.all():
         cells = {name: column.filter(pa.array(own)) for name, column in cells.items()}
@@ -129,14 +121,13 @@ def read_exact(
     )
 
 
-def _rows_of_this_log(rows: pa.Array, measured: list[pa.Array], read: set[int]) -> Bool:
+def _rows_of_this_log(rows: pa.Array, measured: list[pa.Array], others: set[int]) -> Bool:
     """Return which rows are of this log; all are where none has a cell in the columns ``measured``.
 
     A recorder that writes several sensors into one file leaves the cells of the others empty. A row that is also
-    empty in the columns that are not ``read`` lacks its own measurement.
+    empty in the ``others`` lacks its own measurement.
     """
     own = np.ones(len(rows), np.bool_)
-    others = set(range(len(rows[0]) if len(rows) else 0)) - read
     if not measured or not others:
         return own
     without = np.arange(len(rows))
