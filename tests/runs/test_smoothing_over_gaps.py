@@ -24,6 +24,7 @@ from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds, nees
 GAP_S: Final = 110.0  # since the flight's beginning
 OUTAGE_S: Final = 60.0  # before the gap
 SEEDS: Final = range(9100, 9112)
+SIGMAS: Final = [f"sd_{name}" for name in ("n_m", "e_m", "d_m", "vn_mps", "vd_mps", "roll_deg", "yaw_deg")]
 BLOCKS: Final = {  # the errors' columns, and those of their covariance
     "position": (("n_m", "e_m", "d_m"), "cov_{}_{}_m2", "ned"),
     "velocity": (("vn_mps", "ve_mps", "vd_mps"), "cov_v{}_v{}_m2ps2", "ned"),
@@ -112,6 +113,12 @@ def test_outage_that_ends_in_a_gap_is_smoothed_from_behind_the_gap() -> None:
     filtered, smoothed = np.sqrt(rms.mean(axis=0))
 
     assert smoothed < 0.35 * filtered
+
+
+def test_data_after_a_gap_make_no_sigma_before_it_larger() -> None:
+    for filtered, smoothed in after_an_outage():
+        sd = [between(run.nav, GAP_S - OUTAGE_S, GAP_S)[SIGMAS].to_numpy() for run in (filtered, smoothed)]
+        assert (sd[1] <= sd[0] * (1.0 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("block", BLOCKS)

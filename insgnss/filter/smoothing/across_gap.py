@@ -6,15 +6,16 @@ The filter's transition depends on its own covariance, so that it learns no head
 would see no motion at all. There is no heading to be learnt on this way, so all of the motion counts in it.
 
 Over the gap the motion counts as a random walk of rate and specific force, as over a short gap that the filter bridges.
-So the place after the gap shows where the vehicle was before it (``last_sample``). With x the state before, y the later
-filter's estimate of the state after, and y^- its prediction from x,
+So the place after the gap shows where the vehicle was before it (``last_sample``). With x the state before, y^- the
+state after as predicted from x with covariance P^-, and y the later filter's estimate of it with covariance P_y,
 
-    x^s = x + A (y - y^-),  P^s = P + A (P_y - P^-) A^T,  A = P_x,y^- (P^-)^-1
+    P_s = (P^-^-1 + P_y^-1 - B^-1)^-1,  y_s - y^- = P_s P_y^-1 (y - y^-)
+    x^s = x + A (y_s - y^-),  P^s = P + A (P_s - P^-) A^T,  A = P_x,y^- (P^-)^-1
 
-P^s is the covariance of x^s, whatever part of y^- the later filter took over: the error of x^s is the residual of the
-regression of x on y^-, plus A times the error of y. That residual is independent of y^- and of all later data, and y
-follows from these alone. After a long gap only the sensors' errors count, for the vehicle may be anywhere. Of the
-clocks nothing is carried back: a receiver may have set them.
+B is the covariance of the sensors' errors that the later filter took over from the earlier one: what both know counts
+once. Of the attitude the tilt counts, for the heading may have been taken over too. After a long gap only the sensors'
+errors count, for the vehicle may be anywhere: then P^- = B and P_s = P_y. Of the clocks nothing is carried back: a
+receiver may have set them.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ from insgnss.filter.smoothing.smoother_step import (
 from insgnss.filter.start.carried_start import errors_in_a_gap
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
+from insgnss.geodesy.local_level import level_axes
 from insgnss.tables import Float64
 
 _UNKNOWN: Final = 1e4  # times the variance that later data leave: what was known before adds a ten-thousandth
@@ -126,23 +128,48 @@ def last_sample(
 ) -> SmoothedEpoch:
     """Return the last sample before a gap, where the filter is as ``kept``, smoothed by the first one ``after`` it."""
     bank, seconds = kept.bank, (cut.next_ns - cut.last_ns) / NS_PER_S
-    q = bank.P.shape[1]
+    errors, left, grown = errors_in_a_gap(bank.state[0], parameters[0], seconds, layout)
     if cut.bridge is not None and seconds < _LONGEST_WAY_S:
         way = one_hypothesis(bank.state, bank.P, bank.head)
         way.head["next"] = 1
         across = _across(cut, imu)
-        d = step_of_state(way, after, across, parameters, layout)
-        P, crosses = predicted(way, after.kept, across, parameters[0], q)
-        known = [*range(DR, BG + 3), *layout.sensor_states]
-        d, prior, cross = d[known], P[np.ix_(known, known)], crosses[:, known]
+        P, crosses = predicted(way, after.kept, across, parameters[0], len(bank.P[0]))
+        n, shown = len(after.e), _shown(way.state[0].r_e, errors, len(after.e))
+        cross, prior = crosses[:, :n] @ shown.T, shown @ P[:n, :n] @ shown.T
+        d = shown @ step_of_state(way, after, across, parameters, layout)
+        step, change = _fused(prior, shown @ after.P @ shown.T, d, len(errors))
     else:
-        known, left, grown = errors_in_a_gap(bank.state[0], parameters[0], seconds, layout)
-        cross = bank.P[0][:, known] * left
-        prior = left[:, None] * cross[known] + np.diag(grown)
-        d = _errors(after.state(), layout) - left * _errors(bank.state[0], layout)
-    gain, change = regression(cross, prior), after.P[np.ix_(known, known)] - prior
+        cross = bank.P[0][:, errors] * left
+        prior = left[:, None] * cross[errors] + np.diag(grown)
+        step = _errors(after.state(), layout) - left * _errors(bank.state[0], layout)
+        change = after.P[np.ix_(errors, errors)] - prior
+    gain = regression(cross, prior)
     smoothed = bank.P[0] + gain @ change @ gain.T
-    return SmoothedEpoch(kept, gain @ d, 0.5 * (smoothed + smoothed.T), None)
+    return SmoothedEpoch(kept, gain @ step, 0.5 * (smoothed + smoothed.T), None)
+
+
+def _shown(r_e: Float64, errors: list[int], n: int) -> Float64:
+    """Return what counts across a gap of ``n`` error states (m, n): place, velocity, tilt, and the sensors' errors."""
+    north_east = level_axes(r_e)[:2]
+    rows = np.zeros((8 + len(errors), n))
+    rows[:6, DR : DV + 3] = np.eye(6)
+    rows[6:8, PSI : PSI + 3] = north_east
+    rows[range(8, len(rows)), errors] = 1.0
+    return rows
+
+
+def _fused(prior: Float64, P_y: Float64, d: Float64, n_errors: int) -> tuple[Float64, Float64]:
+    """Return y_s - y^- (m,) and P_s - P^- (m, m); the last ``n_errors`` states are the sensors' errors."""
+    sigma = np.sqrt(np.diagonal(prior))
+    size = np.outer(sigma, sigma)
+    taken_over = np.zeros(prior.shape)
+    taken_over[-n_errors:, -n_errors:] = np.linalg.inv((prior / size)[-n_errors:, -n_errors:])
+    values, axes = np.linalg.eigh(np.linalg.inv(P_y / size) - taken_over)
+    learnt = (
+        axes * values.clip(min=0.0)
+    ) @ axes.T  # the errors' noise since then leaves a little less than nothing
+    P_s = np.linalg.inv(np.linalg.inv(prior / size) + learnt)
+    return sigma * (P_s @ (learnt + taken_over) @ (d / sigma)), P_s * size - prior
 
 
 def _across(cut: Cut, imu: ImuSamples) -> ImuSamples:
