@@ -69,7 +69,8 @@ def _table(comparison: Comparison) -> Table:
 
     from insgnss.report.labels import label, number
 
-    table = Table(title=f"difference from '{comparison.first}', sigma, error against the flight's reference")
+    title = f"difference from '{comparison.first}', sigma, error against the flight's reference"
+    table = Table(title=title, caption=str(comparison.span))
     for name in ("run", "", "mean", "rms", "95 %", "largest", "median sigma", "rms error"):
         table.add_column(name, justify="left" if name in ("run", "") else "right")
     last = ""

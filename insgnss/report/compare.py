@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,8 +25,21 @@ from insgnss.runs.reference_errors import errors_against, trajectory_of
 from insgnss.runs.result import Run
 from insgnss.version import __version__
 
+_SAME_TIME_S: Final = 5e-4
 _NAMED: Final = 5  # settings, of those that differ, in the line that stands for a comparison
 COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)
+
+
+class ComparedSpan(NamedTuple):
+    """The time that the statistics of all runs cover, in seconds of the first run's GPS week."""
+
+    begin_s: float
+    end_s: float
+    is_settled: bool  # all runs know the heading from its beginning on
+
+    def __str__(self) -> str:
+        known = ", from when all of them knew the heading" if self.is_settled else ""
+        return f"{self.begin_s:.1f} to {self.end_s:.1f} s, the time that all runs have in common{known}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,6 +49,7 @@ class Comparison(ResultDisplay):
     runs: Mapping[str, Run]  # the first is what the others are compared with
     differences: Mapping[str, pd.DataFrame]  # of each other: time_s and d_n_m ... d_yaw_deg, run minus first
     statistics: pd.DataFrame  # a row for each run and component
+    span: ComparedSpan  # what the statistics cover
 
     def _about(self) -> Iterator[str]:
         yield f"{', '.join(list(self.runs)[1:])} against {self.first}"
@@ -61,6 +75,7 @@ class Comparison(ResultDisplay):
         """Return names, statistics and each run's own summary as plain data."""
         return {
             "first": self.first,
+            "span": self.span._asdict(),
             "settings_that_differ": [list(row) for row in settings_that_differ(self.runs)],
             "statistics": without_nan(self.statistics.to_dict(orient="records")),
             "runs": {name: digest(run) for name, run in self.runs.items()},
@@ -98,6 +113,8 @@ def _called(run: Run | str | Path) -> str:
 def compare_runs(runs: Mapping[str, Run]) -> Comparison:
     """Return the difference of each run from the first, at its own navigation rows inside the first's time.
 
+    The statistics of all runs cover the same time: from when every run knew the heading, as far as all of them reach.
+
     Parameters
     ----------
     runs : by the name that the tables and charts call them
@@ -113,16 +130,37 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
     week = gps_week(base)
     reference = trajectory_of(base.nav, week)
     differences = {}
+    shifts = {name: _shift_s(run, week) for name, run in runs.items()}
     for name in others:
         nav = runs[name].nav
-        shift_s = float(week_seconds_to_ns(gps_week(runs[name]), 0.0) - week_seconds_to_ns(week, 0.0)) * 1e-9
-        found = errors_against(nav.assign(time_s=nav["time_s"] + shift_s), reference, week, None)
+        found = errors_against(nav.assign(time_s=nav["time_s"] + shifts[name]), reference, week, None)
         if found.empty:
             raise ResultError(
                 f"'{name}' and '{first}' have no time in common", advice="compare runs of the same flight"
             )
         differences[name] = found.drop(columns="quality")
-    return Comparison(runs, differences, _statistics(runs, first, differences))
+    span = _common_span(runs, shifts)
+    return Comparison(runs, differences, _statistics(runs, shifts, differences, span), span)
+
+
+def _shift_s(run: Run, week: int) -> float:
+    """Return what added to a run's times gives seconds of the GPS week that the comparison counts from."""
+    return float(week_seconds_to_ns(gps_week(run), 0.0) - week_seconds_to_ns(week, 0.0)) * 1e-9
+
+
+def _common_span(runs: Mapping[str, Run], shifts: Mapping[str, float]) -> ComparedSpan:
+    """Return the time that all runs have in common, from when each that ever knew the heading knew it.
+
+    If one knew it only after that time, the whole of it.
+    """
+    begin_s = max(float(run.nav["time_s"].iloc[0]) + shifts[name] for name, run in runs.items())
+    end_s = min(float(run.nav["time_s"].iloc[-1]) + shifts[name] for name, run in runs.items())
+    known = [(run.heading_known_s(), shifts[name]) for name, run in runs.items()]
+    known_s = max((time_s + shift_s for time_s, shift_s in known if time_s is not None), default=np.inf)
+    if known_s > end_s:
+        return ComparedSpan(begin_s, end_s, False)
+    is_settled = all(time_s is not None for time_s, _ in known)
+    return ComparedSpan(max(known_s, begin_s), end_s, is_settled)
 
 
 def write_comparison(comparison: Comparison, path: str | Path) -> Path:
@@ -148,34 +186,44 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     return write(path, page(title, sections, foot, utc_origin_ms(comparison.runs[comparison.first])))
 
 
-def _statistics(runs: Mapping[str, Run], first: str, differences: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+def _statistics(
+    runs: Mapping[str, Run],
+    shifts: Mapping[str, float],
+    differences: Mapping[str, pd.DataFrame],
+    span: ComparedSpan,
+) -> pd.DataFrame:
     """Return a row for each run and component; the first run has no difference."""
     rows = []
     for name, run in runs.items():
-        errors = None
-        if run.errors is not None and not run.errors.empty:
-            errors = run.error_summary(from_s=_settled_s([run], run.errors))
+        own = span._replace(begin_s=span.begin_s - shifts[name], end_s=span.end_s - shifts[name])
+        nav, errors = _within(run.nav, own), _error_rms(run, own)
+        difference = _within(differences[name], span) if name in differences else None
         for component in COMPONENTS:
             row: dict[str, Any] = {"run": name, "component": component}
-            if name != first:
-                table_ = differences[name]
-                from_s = _settled_s([runs[first], run], table_)
-                values = table_.loc[table_["time_s"] >= from_s, f"d_{component}"].dropna()
+            if difference is not None:
+                values = difference[f"d_{component}"].dropna()
                 row |= {"mean": values.mean(), "rms": float(np.sqrt((values**2).mean()))}
                 row |= {"p95": values.abs().quantile(0.95), "max": values.abs().max()}
-            row["median_sigma"] = run.nav[f"sd_{component}"].dropna().median()
-            if errors is not None and component in errors.index:
-                row["rms_error"] = errors.loc[component, "rms"]
+            row["median_sigma"] = nav[f"sd_{component}"].dropna().median()
+            if component in errors:
+                row["rms_error"] = errors[component]
             rows.append(row)
     columns = ["run", "component", "mean", "rms", "p95", "max", "median_sigma", "rms_error"]
     return pd.DataFrame(rows).reindex(columns=columns)
 
 
-def _settled_s(runs: Sequence[Run], table_: pd.DataFrame) -> float:
-    """Return the time from which all of these runs knew the heading, the table's start where that is never."""
-    known = [run.heading_known_s() for run in runs]
-    latest = max((time_s for time_s in known if time_s is not None), default=-np.inf)
-    return latest if latest <= table_["time_s"].iloc[-1] else float(table_["time_s"].iloc[0])
+def _within(table_: pd.DataFrame, span: ComparedSpan) -> pd.DataFrame:
+    """Return the rows of a time, to half a millisecond."""
+    return table_[table_["time_s"].between(span.begin_s - _SAME_TIME_S, span.end_s + _SAME_TIME_S)]
+
+
+def _error_rms(run: Run, span: ComparedSpan) -> dict[str, float]:
+    """Return the rms error against the flight's reference within a time, by component; none without reference."""
+    errors = None if run.errors is None else _within(run.errors, span)
+    if errors is None or errors.empty:
+        return {}
+    names = [name for name in errors.columns if name.startswith("d_") and errors[name].notna().any()]
+    return {name[2:]: float(np.sqrt((errors[name].dropna() ** 2).mean())) for name in names}
 
 
 def _settings_table(comparison: Comparison) -> str:
@@ -192,8 +240,8 @@ def _statistics_table(comparison: Comparison) -> str:
         for row in comparison.statistics.itertuples(index=False, name=None)
     ]
     about = (
-        f"<p>Mean, rms, 95 % and largest are of the difference from '{text(comparison.first)}'; the error is against"
-        " the flight's own reference, where there is one; both from the time on at which the heading was known.</p>"
+        f"<p>All statistics cover {comparison.span}. Mean, rms, 95 % and largest are of the difference from"
+        f" '{text(comparison.first)}'; the error is against the flight's own reference, where there is one.</p>"
     )
     return about + table(head, rows)
 

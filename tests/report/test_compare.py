@@ -71,6 +71,50 @@ def test_statistics_are_from_the_known_heading_on() -> None:
     assert row(run, other, "yaw_deg")["max"] == pytest.approx(0.0, abs=1e-9)
 
 
+def heading_known_at(run: Run, time_s: float) -> Run:
+    """Return a run with another time of its heading."""
+    events = run.events.copy()
+    events.loc[events["kind"] == "heading_known", "time_s"] = time_s
+    return replace(run, events=events)
+
+
+def test_errors_and_sigmas_of_all_runs_are_of_the_same_time() -> None:
+    """The same estimates, whose heading counts as known earlier in one of them, compare as equal."""
+    run = made_run()
+    assert run.errors is not None
+    early = run.nav["time_s"] < START_S + 20.0
+    run.errors.loc[early, "d_yaw_deg"] = 30.0
+    run.nav.loc[early, "sd_yaw_deg"] = 10.0
+    soon = heading_known_at(run, START_S + 5.0)
+
+    comparison = compare_runs({"soon": soon, "later": run})
+    table = comparison.statistics.set_index(["component", "run"])[["median_sigma", "rms_error"]]
+
+    assert table.loc[("yaw_deg", "soon")].tolist() == table.loc[("yaw_deg", "later")].tolist()
+    assert table.loc[("yaw_deg", "soon"), "rms_error"] < 1.0
+    assert comparison.span == (START_S + 20.0, START_S + 299.0, True)
+
+
+def test_a_run_that_ends_early_is_compared_over_its_own_time_alone() -> None:
+    run, short = made_run(), made_run(seconds=100.0)
+    assert run.errors is not None
+    run.errors.loc[run.errors["time_s"] > START_S + 100.0, "d_n_m"] = 50.0
+
+    statistics = compare_runs({"whole": run, "short": short}).statistics
+
+    assert statistics["rms_error"].max() < 1.0
+
+
+def test_runs_that_never_knew_the_heading_are_compared_over_their_common_time() -> None:
+    run = made_run()
+    run.events = run.events[run.events["kind"] != "heading_known"]
+
+    span = compare_runs({"one": run, "two": run}).span
+
+    assert span == (START_S, START_S + 299.0, False)
+    assert "heading" not in str(span)
+
+
 def test_runs_without_common_time_are_refused() -> None:
     late = made_run()
     late.nav["time_s"] += 10_000.0
