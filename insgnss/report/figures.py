@@ -24,7 +24,7 @@ from insgnss.report.labels import label
 from insgnss.report.own_kinds import unit_of
 from insgnss.report.sections.errors import opening_range
 from insgnss.report.sections.motion import SIGMA_GROUPS
-from insgnss.report.sections.satellites import STATE_COLOURS
+from insgnss.report.sections.satellites import state_colour, states_of_the_log
 from insgnss.report.sections.track import east_north, horizontal_sigma
 from insgnss.report.sentences import name_and_utc
 from insgnss.results.matplotlib_figure import new_figure
@@ -163,14 +163,14 @@ def innovations(run: Run, kind: str = "pseudorange") -> Figure:
 
 @_styled
 def satellites(run: Run) -> Figure:
-    """Return a line per satellite over time, coloured by its status.
+    """Return a line per satellite of the log over time, coloured by its status.
 
     Raises
     ------
     ResultError : the run has seen no satellite
     """
-    table = run.satellites
-    if table.empty:
+    table = states_of_the_log(run)
+    if run.satellites.empty:
         raise ResultError("the run has seen no satellite", advice="look into the events for the reason")
     place, names = satellites_of(table)
     figure = new_figure(PAGE_IN, 0.9 + 0.14 * len(names))
@@ -178,8 +178,7 @@ def satellites(run: Run) -> Figure:
     for state, _ in table["state"].value_counts().items():
         here = (table["state"] == state).to_numpy()
         if here.any():
-            colour = STATE_COLOURS.get(str(state), PALETTE[0])
-            words = str(state).replace("_", " ")
+            colour, words = state_colour(str(state)), str(state).replace("_", " ")
             axes.plot(
                 table["time_s"][here], place[here], "|", ms=5, color=colour, label=words, rasterized=True
             )

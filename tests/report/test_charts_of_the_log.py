@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from insgnss.receiver.tracking_state import STATE_NAMES
 from insgnss.report import figures
 from insgnss.report.charts import Chart, colour_of, dash_of, symbol_of, unpacked
 from insgnss.report.event_marks import MOST, marked_events, with_events
@@ -15,6 +16,7 @@ from insgnss.report.sections import inertial, innovations, reception, satellites
 from insgnss.report.sections.reception import dilution_of_directions
 from insgnss.runs.imu_summary import BINS, imu_spectrum, imu_table
 from insgnss.runs.result import Run
+from insgnss.status import NAMES
 from insgnss.tables import ImuTable
 from tests.report.runs import START_S, made_run
 
@@ -67,6 +69,22 @@ def test_satellite_without_ephemeris_has_its_line_in_the_timeline() -> None:
     assert "E36" in timeline.layout["yaxis"]["categoryarray"]
     assert set(lines["no ephemeris"]["y"]) == {"E36", None}
     assert "E36" not in lines["tracked"]["y"]
+
+
+@pytest.mark.parametrize("states", [("tracked", *list(NAMES.values())[1:], "absent"), STATE_NAMES])
+def test_no_two_states_of_a_timeline_have_one_colour(states: tuple[str, ...]) -> None:
+    assert len({satellites.state_colour(state) for state in states}) == len(states)
+
+
+def test_state_of_another_version_has_a_colour_too() -> None:
+    assert satellites.state_colour("from_the_future").startswith("#")
+
+
+def test_satellite_without_ephemeris_has_its_line_in_the_picture() -> None:
+    figure = figures.satellites(with_unplaced(made_run()))
+
+    assert "E36" in [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert "no ephemeris" in figure.axes[0].get_legend_handles_labels()[1]
 
 
 def test_events_are_marked_on_every_chart_over_time_and_on_no_other() -> None:

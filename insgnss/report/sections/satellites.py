@@ -8,39 +8,51 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import union_categoricals
 
-from insgnss.report.charts import TIME_AXIS, Chart, ChartRows, Trace, line_trace, packed
+from insgnss.report.charts import PALETTE, TIME_AXIS, Chart, ChartRows, Trace, colour_of, line_trace, packed
 from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
 from insgnss.runs.result import Run
+from insgnss.status import NAMES
 from insgnss.tables import Bool, Float64, Int64
 
 _COLUMNS: Final = 1500  # of the picture's time
-STATE_COLOURS: Final = {
+# of the states that are seen most; each other status has a colour of its own beyond the palette
+_STATUS_COLOURS: Final = {
     "tracked": "#009e73",
+    "gated": "#d55e00",
+    "no_ephemeris": "#56b4e9",
+    "stale_ephemeris": "#0072b2",
+    "masked_elevation": "#8c8c8c",
+    "masked_cn0": "#b8a800",
+    "masked_gain": "#cc79a7",
+    "masked_obstruction": "#882255",
+    "inconsistent": "#a65628",
+    "drifting": "#e69f00",
+    "reflected": "#9b6cff",
+    "unhealthy": "#c51b7d",
+    "not_started": "#c8b8a8",
+    "used_for_start": "#66c2a5",
+    "no_imu": "#707070",
+    "absent": "#b0b0b0",
+}
+_STATUSES: Final = tuple(NAMES.values())
+_CHANNEL_COLOURS: Final = {
     "track": "#009e73",
     "hold": "#e69f00",
     "search": "#d55e00",
     "control_detection": "#cc79a7",
     "resume": "#56b4e9",
     "lost": "#8c8c8c",
-    "masked_gain": "#cc79a7",
-    "masked_obstruction": "#882255",
-    "masked_elevation": "#8c8c8c",
-    "masked_cn0": "#b8a800",
-    "gated": "#d55e00",
-    "inconsistent": "#d55e00",
-    "drifting": "#e69f00",
-    "reflected": "#56b4e9",
-    "absent": "#b0b0b0",
-    "no_ephemeris": "#56b4e9",
-    "stale_ephemeris": "#56b4e9",
-    "unhealthy": "#882255",
-    "not_started": "#b0b0b0",
-    "no_imu": "#b0b0b0",
 }
 _SAME_TIME_S: Final = 1e-4
-_OTHER_STATE: Final = "#0072b2"
+
+
+def state_colour(state: str) -> str:
+    """Return the colour of a satellite's status, or of a supervised channel's state: no two of either have one."""
+    known = _STATUS_COLOURS.get(state) or _CHANNEL_COLOURS.get(state)
+    place = _STATUSES.index(state) if state in _STATUSES else len(_STATUSES)
+    return known or colour_of(len(PALETTE) + place)
 
 
 def section(run: Run) -> Section | None:
@@ -54,11 +66,11 @@ def section(run: Run) -> Section | None:
     rows.ranges[0] = (0.0, float(used.max()) * 1.1 + 0.5)
     count = rows.chart("chart-used", "Satellites used at each epoch", row_px=160, showlegend=False)
     caption = "Where the plot cannot resolve every epoch, refused measurements are drawn over tracked ones."
-    timeline = timeline_chart(_all_of_the_log(run), "chart-timeline", "Satellites and their state", caption)
+    timeline = timeline_chart(states_of_the_log(run), "chart-timeline", "Satellites and their state", caption)
     return Section("satellites", "Satellites", charts=(timeline, count))
 
 
-def _all_of_the_log(run: Run) -> pd.DataFrame:
+def states_of_the_log(run: Run) -> pd.DataFrame:
     """Return time_s, sv and state of every satellite of the log, those too that nothing was computed for.
 
     A satellite without ephemeris has no direction, and no row in the table of satellites: its state is then that of
@@ -138,6 +150,6 @@ def _state_trace(
         "name": state.replace("_", " "),
         "x": packed(x, double=True),
         "y": [name for sat in row.tolist() for name in (present[sat], present[sat], None)],
-        "line": {"color": STATE_COLOURS.get(state, _OTHER_STATE), "width": 9},
+        "line": {"color": state_colour(state), "width": 9},
         "hovertemplate": f"%{{y}}: {state}<br>%{{x:.2f}} s<extra></extra>",
     }

@@ -11,7 +11,7 @@ from insgnss.report.charts import Chart, Trace, packed
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.report.sections.pattern import pattern_traces
-from insgnss.report.sections.satellites import STATE_COLOURS
+from insgnss.report.sections.satellites import state_colour
 from insgnss.runs.result import Run
 
 _POINTS_EACH: Final = 200  # of a satellite's way
@@ -113,7 +113,7 @@ def _gain_trace(table: pd.DataFrame, prefix: str, scale: dict[str, Any]) -> Trac
 
 def _used_traces(table: pd.DataFrame, prefix: str) -> list[Trace]:
     used = (table["state"] == "tracked").to_numpy()
-    groups = (("used", used, STATE_COLOURS["tracked"]), ("not used", ~used, STATE_COLOURS["gated"]))
+    groups = (("used", used, state_colour("tracked")), ("not used", ~used, state_colour("gated")))
     return [
         _points(table[rows], prefix, name, {"size": 4, "color": c}) for name, rows, c in groups if rows.any()
     ]
