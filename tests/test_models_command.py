@@ -51,6 +51,11 @@ def test_model_is_printed_or_copied_byte_for_byte(tmp_path: Path, kind: str, nam
         assert (output / copy).read_bytes() == source.read_bytes()
 
 
+def test_grades_are_found_by_the_name_that_a_flight_file_gives_them() -> None:
+    assert said("models", "grades").stdout == said("models", "imus").stdout
+    assert said("models", "grades", "tactical").stdout == said("models", "imus", "tactical").stdout
+
+
 @pytest.mark.parametrize("inside", ["errors.csv", "errors.csv/deeper/my.toml"])
 def test_copy_into_a_file_says_that_it_is_one(tmp_path: Path, inside: str) -> None:
     (tmp_path / "errors.csv").write_text("mine", encoding="utf-8")

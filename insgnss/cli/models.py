@@ -28,12 +28,17 @@ _USE: Final = {
 # A scenario with satellites on given tracks describes a study, not a log
 _STUDY: Final = 'masking_study("{file}") of insgnss.studies'
 
+# The flight file's own key for a kind
+_OTHER_NAMES: Final = {"grades": "imus"}
+
 # Copies of these are named with their ending
 _FILES: Final = ("antennas", "vehicles")
 
 
 def models(
-    kind: Annotated[str | None, typer.Argument(help=f"One of {', '.join(_USE)}; by default all.")] = None,
+    kind: Annotated[
+        str | None, typer.Argument(help=f"One of {', '.join(_USE)}; by default all. 'grades' are the imus.")
+    ] = None,
     name: Annotated[
         str | None, typer.Argument(help="A model's name: its file is printed, or copied with --output.")
     ] = None,
@@ -46,6 +51,7 @@ def models(
     with own_errors_told():
         from insgnss.config import library
 
+        kind = kind and _OTHER_NAMES.get(kind, kind)
         if kind is not None and kind not in library.KINDS:
             raise ConfigError(
                 f"unknown kind of model '{kind}'",
