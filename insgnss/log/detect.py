@@ -46,6 +46,10 @@ NAMES: Final[dict[Format, str]] = {
 _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
 _MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
+_OTHER_BAGS: Final = {
+    b"#ROSBAG V": "a ROS 1 bag: convert it to a ROS 2 bag in MCAP with 'rosbags-convert'",
+    b"SQLite format 3\0": "a ROS 2 bag in SQLite (.db3): convert it to MCAP, with 'ros2 bag convert' or 'mcap convert'",
+}
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
@@ -162,6 +166,9 @@ def _rtcm_bytes(data: bytes) -> int:
 
 
 def _looks_like(data: bytes) -> str:
+    for magic, bag in _OTHER_BAGS.items():
+        if data.startswith(magic):
+            return f"this looks like {bag}"
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
         return "this begins like NMEA, but no sentence of it has a sound check sum"
     if data[:1] == _RTCM_PREAMBLE:
