@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -44,11 +45,22 @@ MIN_TRACK: Final = 8  # epochs
 MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overlap
 
 
-def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
+def examine(flight: Flight | str | Path, progress: Callable[[str], None] | None = None) -> CheckReport:
     """Check each log of a flight, then the logs against each other; return the findings, with proposals for its file.
 
-    A log that cannot be read is a finding, not an error. ``progress`` receives a message while the compiler runs.
+    A log that cannot be read is a finding, not an error.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    progress : receives a message while the compiler runs
+
+    Raises
+    ------
+    ConfigError : the flight file cannot be read
     """
+    if not isinstance(flight, Flight):
+        flight = Flight.load(flight)
     with compiled(progress or (lambda _: None)) as compilation:
         report, logs = read_and_check(flight)
     findings = list(report.findings)

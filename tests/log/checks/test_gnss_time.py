@@ -19,6 +19,12 @@ def test_check_of_a_sound_city_drive_finds_no_fault_of_the_tags(tmp_path: Path) 
     assert [finding.text for finding in report.findings if finding.severity == "error"] == []
 
 
+def test_check_of_a_file_is_that_of_its_flight(tmp_path: Path) -> None:
+    simulate("at_rest", seed=3, duration_s=60.0).save(tmp_path)
+    path = tmp_path / "flight.toml"
+    assert str(insgnss.check_flight(path)) == str(insgnss.check_flight(insgnss.Flight.load(path)))
+
+
 @pytest.mark.real_data
 def test_leap_seconds_are_found_though_thirteen_ranges_agree(tmp_path: Path, data_root: Path) -> None:
     """With tags in UTC a robust solution of this log keeps 13 to 15 of 24 ranges, which agree to 0.2 sigma."""
