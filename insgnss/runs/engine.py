@@ -96,6 +96,12 @@ class Engine(FilterEngine):
         self._installation = LiveInstallation(setup.layout)
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
 
+    def __repr__(self) -> str:
+        state = self.state
+        week, in_week_ns = divmod(state.t_ns, NS_PER_WEEK)
+        place = f"at {in_week_ns / NS_PER_S:.3f} s of week {week}" if state.started else "not started"
+        return f"Engine({place}; {len(self.events)} events)"
+
     @property
     def events(self) -> list[Event]:
         """All events so far, in the order of their time."""

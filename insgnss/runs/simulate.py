@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -62,6 +62,12 @@ class Simulation(ResultDisplay):
     folder: Path  # of the scenario file
     scenario: Scenario
     log: SimulatedLog
+
+    def _about(self) -> Iterator[str]:
+        yield repr(self.config.name)
+        yield f"{self.scenario.duration_s:g} s"
+        yield f"{len(self.log.imu.t_ns)} inertial samples"
+        yield f"{len(self.log.gnss.t_ns)} GNSS measurements of {len(self.log.at_gnss.t_ns)} epochs"
 
     def reference(self) -> ReferenceTable:
         """Return the true motion of the IMU at the file's ``reference_rate_hz``."""

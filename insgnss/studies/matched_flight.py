@@ -10,7 +10,7 @@ One filter's run is compiled and leaves Python's lock free: ``monte_carlo`` shar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -89,6 +89,11 @@ class FilterErrors(NamedTuple):
     n_used: tuple[int, int]
     n_refused: int
 
+    def __repr__(self) -> str:
+        return (
+            f"FilterErrors({len(self.error)} epochs; {_nees_words(self.nees)}; {self.n_refused} rows refused)"
+        )
+
 
 @dataclass(frozen=True, repr=False)
 class MatchedFlight(ResultDisplay):
@@ -98,6 +103,11 @@ class MatchedFlight(ResultDisplay):
     setup: FilterSetup
     P0: Float64
     looks: tuple[int, ...]  # epochs after whose update the filter is looked at
+
+    def _about(self) -> Iterator[str]:
+        scenario = self.simulator.scenario
+        yield f"{scenario.duration_s:g} s at {scenario.imu_rate_hz:g} Hz"
+        yield f"{len(self.simulator.tag_s)} GNSS epochs, {len(self.looks)} of them looked at"
 
     @classmethod
     def of(
@@ -249,6 +259,10 @@ class MonteCarlo(NamedTuple):
     nees: Float64  # (n, k, 7)
     nis: Float64  # (n, 2)
 
+    def __repr__(self) -> str:
+        runs, epochs = self.error.shape[:2]
+        return f"MonteCarlo({runs} runs; {epochs} epochs; {_nees_words(self.nees.mean(axis=0))})"
+
 
 def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int | None = None) -> MonteCarlo:
     """Return many runs, each drawn from (seed, number) and so the same whatever the number of threads."""
@@ -343,6 +357,15 @@ def error_state(m: StateRecord, log: SimulatedLog, epoch: int) -> Float64:
     e[CLOCK] = m.clock[0] - log.clock.bias_m[epoch]
     e[DRIFT] = m.clock[1] - log.clock.drift_mps[epoch]
     return e
+
+
+def _nees_words(nees: Float64) -> str:
+    """Return the last epoch's squared error over sigma, per axis of each block (1 is right)."""
+    parts = [
+        f"{name} {value / (part.stop - part.start):.2f}"
+        for (name, part), value in zip(BLOCKS.items(), nees[-1], strict=True)
+    ]
+    return f"NEES per axis at the last epoch (1 is right): {', '.join(parts)}"
 
 
 def _nees(error: Float64, P: Float64) -> Float64:

@@ -6,12 +6,15 @@ import dataclasses
 import html.parser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import insgnss
 from insgnss.errors import ResultError
 from insgnss.log.checks.report import CheckReport, Finding
+from insgnss.runs.simulate import simulate
 from insgnss.studies.consistency.study import consistency_study
+from insgnss.studies.receiver.slips import SlipRuns
 from tests.conftest import REPOSITORY
 from tests.report.runs import made_run
 
@@ -50,6 +53,22 @@ def test_result_is_one_short_line_and_whole_html(result: object) -> None:
     assert len(line) < 400
     assert len(shown) < 50_000
     assert Balanced(shown).open == []
+
+
+def test_engine_and_simulation_are_one_short_line() -> None:
+    engine = insgnss.Engine(insgnss.engine_settings(FLIGHT))
+    made = simulate("at_rest", duration_s=3.0)
+
+    assert repr(engine) == "Engine(not started; 0 events)"
+    assert repr(made).startswith("Simulation('at rest'; 3 s; 300 inertial samples; ")
+
+
+def test_slips_are_a_share_and_an_error() -> None:
+    runs = SlipRuns(np.array([[np.inf, 2.0], [np.inf, np.inf]]), 0.125)
+
+    assert repr(runs) == (
+        "SlipRuns(2 runs of 2 channels; 50.0% of the runs slip; phase error 0.125 rad rms in the others)"
+    )
 
 
 def test_run_tells_flight_filter_and_rows() -> None:

@@ -89,6 +89,14 @@ def test_runs_are_the_same_bits_on_any_number_of_threads() -> None:
     assert not np.array_equal(one.error, monte_carlo(flown("tactical"), 6, seed=10).error)
 
 
+def test_flights_and_their_errors_are_one_short_line() -> None:
+    flight = flown("tactical")
+    lines = [repr(o) for o in (flight, monte_carlo(flight, 2), covariance_analysis(flight))]
+
+    assert all("\n" not in line and len(line) < 300 for line in lines)
+    assert "Hz" in lines[0] and "2 runs" in lines[1] and "position" in lines[2]
+
+
 def test_flight_without_errors_has_none() -> None:
     """0.7 mm is what mechanizing 100 Hz means costs in turns of 35 deg of bank within a minute."""
     found = covariance_analysis(flown("navigation"))

@@ -18,6 +18,7 @@ no inertial sensor is mechanised and no filter estimates its covariance here.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -33,6 +34,7 @@ from insgnss.interference.margin import PhaseLoop, ratio
 from insgnss.interference.phase_models import PhaseModel, checked_directions
 from insgnss.interference.riccati import discretised, predicted_covariance
 from insgnss.kernels.jit import kernel
+from insgnss.results.shown import ResultDisplay
 from insgnss.tables import Float64, Int64
 
 _BLOCK: Final = 500  # integrations whose noise is drawn at once
@@ -52,8 +54,8 @@ class ErrorLoop(NamedTuple):
     limit: float  # |e| beyond it is a slip [rad]
 
 
-@dataclass(frozen=True)
-class SlipRuns:
+@dataclass(frozen=True, repr=False)
+class SlipRuns(ResultDisplay):
     """Runs of one receiver at one C/N0."""
 
     first_slip_s: Float64  # (runs, channels) inf without a slip
@@ -68,6 +70,12 @@ class SlipRuns:
     def lost_channels(self) -> float:
         """Return the share of channels with a slip; of a two-stage receiver it does not depend on their number."""
         return float(np.isfinite(self.first_slip_s).mean())
+
+    def _about(self) -> Iterator[str]:
+        runs, channels = self.first_slip_s.shape
+        yield f"{runs} runs of {channels} channels"
+        yield f"{self.lost_runs:.1%} of the runs slip"
+        yield f"phase error {self.rms_rad:.3g} rad rms in the others"
 
 
 @kernel
