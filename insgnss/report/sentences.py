@@ -154,7 +154,7 @@ def _how_good(run: Run) -> list[str]:
         f"Nearly all of it is one constant offset, {told_offset}: the reference may refer to another point or datum, or"
         f" either has errors that last for minutes. Without this offset {_within(about)}."
     )
-    return [*lines, _honesty(about), *_slow(errors)]
+    return [*lines, _honesty(errors), _honesty_without_offset(about), *_slow(errors)]
 
 
 def _slow(table: pd.DataFrame) -> list[str]:
@@ -195,12 +195,27 @@ def _within(errors: pd.DataFrame) -> str:
 
 def _honesty(errors: pd.DataFrame) -> str:
     """Return how the errors of the horizontal position go with its sigma."""
-    ratio: Float64 = (errors["d_n_m"] / errors["sd_n_m"]).to_numpy()
-    ratio = np.concatenate([ratio, (errors["d_e_m"] / errors["sd_e_m"]).to_numpy()])
-    rms = float(np.sqrt(np.nanmean(ratio**2)))
+    rms = _horizontal_ratio(errors, errors["sd_n_m"], errors["sd_e_m"])
     return (
         f"The horizontal errors {times_their_sigma(rms)} (rms of error over sigma {number(rms)}, 1 is right)."
     )
+
+
+def _honesty_without_offset(about: pd.DataFrame) -> str:
+    """Return how the errors about a constant offset go with the sigma, less the errors that last, which are in it."""
+    sigma = {name: about[f"sd_{name}"] for name in ("n_m", "e_m")}
+    of_noise = ""
+    if "sd_slow_n_m" in about and not about["sd_slow_n_m"].isna().all():
+        sigma = {name: np.sqrt(sd**2 - about[f"sd_slow_{name}"] ** 2) for name, sd in sigma.items()}
+        of_noise = ", here the one without errors that last for minutes"
+    rms = _horizontal_ratio(about, sigma["n_m"], sigma["e_m"])
+    return f"Without the constant offset they {times_their_sigma(rms)}{of_noise} (rms {number(rms)})."
+
+
+def _horizontal_ratio(errors: pd.DataFrame, sd_n_m: pd.Series, sd_e_m: pd.Series) -> float:
+    """Return the rms of the horizontal position's errors, each over its sigma."""
+    ratio: Float64 = np.concatenate([errors["d_n_m"] / sd_n_m, errors["d_e_m"] / sd_e_m])
+    return float(np.sqrt(np.nanmean(ratio**2)))
 
 
 def _heading(run: Run) -> str:

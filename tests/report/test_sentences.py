@@ -71,7 +71,28 @@ def test_summary_tells_a_constant_offset_apart() -> None:
 
     assert "one constant offset, 6 m north, 8 m west, 2 m up" in text
     assert "Without this offset the horizontal position is within 0.5 m (50 %)" in text
-    assert "rms of error over sigma 0.707" in text  # sqrt((0.09 + 0.16) / 2) / 0.5
+    # sqrt((0.09 + 0.16) / 2) / 0.5
+    assert "Without the constant offset they are 0.71 times their sigma (rms 0.707)" in text
+
+
+def test_summary_judges_a_constant_offset_as_the_table_of_errors_does() -> None:
+    """The sentence gave the ratio without the offset, the table beside it and ``consistency`` the one with it."""
+    run = made_run()
+    side = np.where(np.arange(len(run.errors)) % 2, 1.0, -1.0)
+    run.errors["d_n_m"], run.errors["d_e_m"] = 6.0 + 0.3 * side, 6.0 + 0.3 * side
+    run.errors["sd_n_m"] = run.errors["sd_e_m"] = 5.0
+    run.errors["sd_slow_n_m"] = run.errors["sd_slow_e_m"] = 4.99
+    run.errors["sd_slow_d_m"] = 0.0
+
+    ratio = run.error_summary().loc["n_m", "rms_over_sigma"]
+    text = said(run)
+
+    assert f"horizontal errors are {ratio:.2g} times their sigma" in text
+    # 0.3 / sqrt(5^2 - 4.99^2)
+    assert (
+        "they are 0.95 times their sigma, here the one without errors that last for minutes (rms 0.949)"
+        in text
+    )
 
 
 def test_figures_are_those_of_the_tables() -> None:
