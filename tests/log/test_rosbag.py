@@ -368,6 +368,11 @@ def test_what_is_no_bag_or_holds_nothing_is_told(tmp_path: Path) -> None:
         read(tmp_path, b"\x89MCAP0\r\n" + bytes(100))
 
 
+def test_bag_without_a_message_says_that_nothing_was_published(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the bag holds no message(.|\n)*nothing was published"):
+        read(tmp_path, Bag().data)
+
+
 def test_converted_bag_is_a_flight(tmp_path: Path) -> None:
     path = tmp_path / "data.db3"
     path.write_bytes(recorded().data)

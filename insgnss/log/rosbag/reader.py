@@ -52,10 +52,12 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
     Raises
     ------
     InputError : the libraries are not installed, the file is not an MCAP file or holds no usable data, or several
-    topics
-        would do and none is named
+        topics would do and none is named
     """
     found, events = read_topics(path, _READ, (IMU, FIX))
+    if not events and not any(topic.count for topic in found.values()):
+        advice = "nothing was published while it was recorded: compare with 'ros2 topic hz' before the next recording"
+        raise InputError("the bag holds no message", file=path, advice=advice)
     wanted = dict(topics or {})
     for part, name in wanted.items():
         if name not in found:
