@@ -206,7 +206,7 @@ def _honesty_without_offset(about: pd.DataFrame) -> str:
     sigma = {name: about[f"sd_{name}"] for name in ("n_m", "e_m")}
     of_noise = ""
     if "sd_slow_n_m" in about and not about["sd_slow_n_m"].isna().all():
-        sigma = {name: np.sqrt(sd**2 - about[f"sd_slow_{name}"] ** 2) for name, sd in sigma.items()}
+        sigma = {name: (sd**2 - about[f"sd_slow_{name}"] ** 2).pow(0.5) for name, sd in sigma.items()}
         of_noise = ", here the one without errors that last for minutes"
     rms = _horizontal_ratio(about, sigma["n_m"], sigma["e_m"])
     return f"Without the constant offset they {times_their_sigma(rms)}{of_noise} (rms {number(rms)})."
