@@ -108,6 +108,12 @@ def test_drift_is_nothing_at_the_loss_grows_without_measurements_and_comes_back(
     assert drift[60.0] < 0.3 * drift[19.0]
 
 
+def test_picture_carries_the_flight_and_its_time_in_utc() -> None:
+    words = [text.get_text() for text in periodic().figure().texts]
+
+    assert any(text.startswith(f"{flown().name}, 20") and text.endswith(" UTC") for text in words)
+
+
 def test_end_of_a_window_is_before_the_measurements_are_back() -> None:
     study = periodic()
     last = study.drift[study.drift["since_s"] == 19.0]

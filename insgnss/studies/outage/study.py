@@ -32,7 +32,9 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
 from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.log.flight import Flight
+from insgnss.results.matplotlib_figure import with_caption
 from insgnss.results.shown import ResultDisplay
+from insgnss.runs.datum import FLIGHT, GPS_WEEK, what_and_when
 from insgnss.studies.outage import pictures
 from insgnss.studies.outage.drift import back_after, differences, percentile_table, to_reference
 from insgnss.studies.outage.replays import Branch, OutageLog, branches, undisturbed
@@ -103,9 +105,9 @@ class OutageStudy(ResultDisplay):
 
     def figure(self) -> Figure:
         """Return the picture: drift and sigma by time since the loss."""
-        return pictures.drift_figure(
-            self.drift, self.errors, self.percentiles, f"without {self.asked['removal']}"
-        )
+        title = f"without {self.asked['removal']}"
+        figure = pictures.drift_figure(self.drift, self.errors, self.percentiles, title)
+        return with_caption(figure, what_and_when(self.undisturbed))
 
     def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
         """Write tables, settings and picture as ``outage_*`` into ``folder``; return it.
@@ -167,6 +169,7 @@ def outage_study(
     nav, kept, skipped = undisturbed(log, placed)
     if not kept:
         raise ConfigError("the filter runs in none of the windows", key="windows", advice=_span(nav))
+    nav.attrs |= {GPS_WEEK: flight.config.gps_week, FLIGHT: flight.name}
     passed = time.perf_counter()
     tell(f"running {len(kept)} windows")
     found = branches(log, kept, removal, after_s, threads or usable_cores())
