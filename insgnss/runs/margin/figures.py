@@ -101,4 +101,5 @@ def _draw_timeline(axes: Axes, study: FlownMargin, names: list[str]) -> None:
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names), -1)
     axes.set_xlabel("time, s of the GPS week")
-    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    # between the panels: at the foot it would cover the figure's caption
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=8)

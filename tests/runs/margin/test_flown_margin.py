@@ -23,7 +23,9 @@ from insgnss.interference.lasting_acceleration import density_at_threshold
 from insgnss.interference.margin import PhaseLoop, margin_db, threshold_cn0_dbhz
 from insgnss.interference.spectra import broadband_separation, modulation_of, signal_named
 from insgnss.interference.third_order import third_order_threshold_noise
+from insgnss.runs.datum import FLIGHT, GPS_WEEK
 from insgnss.runs.margin import FlownMargin, flown_margin, picture
+from insgnss.runs.margin.figures import flown_figure
 from tests.runs.margin.scene import EMITTER, SETTINGS, TURN_MPS2, N, flown, interference
 
 
@@ -256,6 +258,17 @@ def test_study_is_saved_and_drawn(tmp_path: Path) -> None:
     assert len(again) == len(study.satellites) == 2 * 13
     path = picture(study, tmp_path / "out" / "lock.png")
     assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_no_legend_of_the_picture_covers_its_caption() -> None:
+    study = flown_margin(flown(), interference())
+    study.satellites.attrs |= {GPS_WEEK: 2385, FLIGHT: "a flight with a name of many words, in the mountains"}
+    figure = flown_figure(study)
+    figure.draw_without_rendering()
+    (caption,) = [text.get_window_extent() for text in figure.texts if text.get_text().endswith(" UTC")]
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+
+    assert not any(caption.overlaps(legend.get_window_extent()) for legend in legends if legend)
 
 
 def test_file_of_emitters_is_strict(tmp_path: Path) -> None:
