@@ -21,7 +21,10 @@ def existing_file(path: Path) -> Path:
         raise MissingFileError("this is a folder, not a file", file=path, advice="name the file in it")
     folder = path.parent
     if not folder.is_dir():
-        advice = f"there is no folder '{folder}'; relative paths in a flight file start at its own folder"
+        advice = (
+            f"there is no folder '{folder}'; relative paths in a flight file start at its own folder, on the command"
+            " line at the current one"
+        )
         raise MissingFileError("file not found", file=path, advice=advice)
     present = sorted(
         entry.name for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith(".")
