@@ -186,6 +186,6 @@ def test_nearest_name_of_a_missing_file_is_never_a_hidden_one(tmp_path: Path) ->
 
 def test_file_in_a_folder_that_is_not_there_says_where_paths_start(tmp_path: Path) -> None:
     with pytest.raises(
-        MissingFileError, match="no folder.*in a flight file.*its own folder.*on the command line"
+        MissingFileError, match=r"no folder.*in a flight file.*its own folder.*on the command line"
     ):
         existing_file(tmp_path / "nowhere" / "log.ubx")
