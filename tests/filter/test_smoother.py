@@ -17,9 +17,16 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.across_gap import way_back, without_shown_motion
 from insgnss.filter.smoothing.between import one_hypothesis
 from insgnss.filter.smoothing.smoother import FilteredEpoch, Smoother
-from insgnss.filter.smoothing.smoother_step import last_of_all, predicted, step_of_state
+from insgnss.filter.smoothing.smoother_step import (
+    apart,
+    last_of_all,
+    one_after_another,
+    predicted,
+    step_of_state,
+)
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.closed_loop import close_loop
+from insgnss.geodesy.local_level import up_direction
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import Float64
 from tests.runs.matched_runs import BLOCKS, error_state, matched_setup, matched_simulator
@@ -168,6 +175,28 @@ def test_way_back_to_a_first_sample_is_the_transition_inverted() -> None:
     expected = back @ (found.P + Q) @ back.T
     sigma = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(first.P / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-3)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 16.0, -90.0])
+def test_two_corrections_of_an_attitude_are_one(turn_deg: float) -> None:
+    """Their sum is wrong by as much as the first one turns the second one's tilt."""
+    _, smoother, _ = flown(matched_simulator(), matched_setup(), 4)
+    start, n = smoother.kept[-1].bank.state[:1], OFFSETS
+    up = np.array(up_direction(start[0].r_e))
+    first, then = np.zeros((2, n))
+    first[6:9] = np.radians([0.3, -0.2, 0.1]) + np.radians(turn_deg) * up
+    then[6:9] = np.radians([0.8, 0.5, -0.4])
+    one_by_one, at_once = start.copy(), start.copy()
+    close_loop(one_by_one[0], first, n)
+    close_loop(one_by_one[0], then, n)
+
+    both = first + then
+    both[6:9] = one_after_another(first[6:9], then[6:9], up)
+    close_loop(at_once[0], both, n)
+
+    np.testing.assert_allclose(at_once[0].C_eb, one_by_one[0].C_eb, atol=1e-9)
+    layout = smoother.navigator.setup.layout
+    np.testing.assert_allclose(apart(one_by_one[0], start[0], layout)[6:9], both[6:9], atol=1e-9)
 
 
 def test_replay_smooths_the_sample_flight() -> None:

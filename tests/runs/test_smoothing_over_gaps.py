@@ -33,9 +33,9 @@ BLOCKS: Final = {  # the errors' columns, and those of their covariance
 
 
 @cache
-def industrial(duration_s: float) -> Simulator:
+def in_turns(duration_s: float, grade: str) -> Simulator:
     base = copy.copy(turns(duration_s))
-    base.scenario = replace(base.scenario, grade=imu_grade("industrial"))
+    base.scenario = replace(base.scenario, grade=imu_grade(grade))
     return base
 
 
@@ -55,10 +55,11 @@ def with_gaps(
     *,
     outage_s: float = OUTAGE_S,
     after_s: float = 20.0,
+    grade: str = "industrial",
     **asked: Any,
 ) -> Run:
     """Return a replay without inertial samples in the gaps, and without fixes before the first and after each."""
-    base = industrial(gaps[-1][1] + wait_s + after_s)
+    base = in_turns(gaps[-1][1] + wait_s + after_s, grade)
     log = base.draw(np.random.default_rng(seed))
     t_imu, t_gnss = ((one.t_ns - START_NS) / NS_PER_S for one in (log.imu, log.gnss))
     sampled, seen = np.ones(len(t_imu), np.bool_), np.ones(len(t_gnss), np.bool_)
@@ -189,6 +190,18 @@ def test_every_gap_of_a_log_is_crossed() -> None:
         off = between(run.errors, end, end + 0.8)[["d_n_m", "d_e_m", "d_d_m"]].to_numpy()
         assert np.abs(off / rows_after[["sd_n_m", "sd_e_m", "sd_d_m"]].to_numpy()).max() < 4.0
         assert (rows_after["sd_point_n_m"] < 2.0).all()
+
+
+@pytest.mark.parametrize("seed", [9220, 9221, 9222])
+def test_heading_that_is_corrected_by_much_leaves_the_tilt_right(seed: int) -> None:
+    """After a gap in a turn the heading has a sigma of 16 deg, and gyros of navigation grade know the tilt at once."""
+    run = with_gaps(seed, ((22.7, 27.7),), 1.3, outage_s=0.0, smooth=True, grade="navigation")
+    assert run.errors is not None
+
+    errors, told = (between(table, 27.7, 45.0) for table in (run.errors, run.nav))
+
+    for name in ("roll_deg", "pitch_deg", "yaw_deg"):
+        assert (errors[f"d_{name}"].abs() < 5.0 * told[f"sd_{name}"]).all()
 
 
 def test_gap_before_which_the_heading_was_open_stays_as_it_was() -> None:
