@@ -22,8 +22,8 @@ def existing_file(path: Path) -> Path:
     folder = path.parent
     if not folder.is_dir():
         advice = (
-            f"there is no folder '{folder}'; relative paths in a flight file start at its own folder, on the command"
-            " line at the current one"
+            f"no folder '{folder}' exists; a relative path in a flight file starts at its own folder,"
+            " one on the command line at the current folder"
         )
         raise MissingFileError("file not found", file=path, advice=advice)
     present = sorted(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -81,8 +81,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
     copies = _copies(navigation_files, log)
-    there = [name for name, path in copies.items() if _is_same(path, output / name)]
-    tables = _names(log, copies)
+    tables, there = _names(log, copies), _in_place(copies, output)
     flight = output / FLIGHT_FILE
     kept = (flight,) if flight.exists() else ()
     names = tables if kept else [*tables, FLIGHT_FILE]
@@ -126,12 +125,8 @@ def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarati
         log = replace(log, navigation=None)
     log = replace(log, fixes=None)  # which are not written if measurements come later
     copies = _copies([path for path, kind in formats if kind == "rinex_navigation"], log)
-    names = [
-        name
-        for name in _names(log, copies)
-        if name not in copies or not _is_same(copies[name], output / name)
-    ]
-    check_replaceable(output, names, _KIND)
+    there = _in_place(copies, output)
+    check_replaceable(output, [name for name in _names(log, copies) if name not in there], _KIND)
 
 
 def _read_beginnings(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations) -> ReceiverLog:
@@ -214,5 +209,10 @@ def _copies(paths: Sequence[Path], log: ReceiverLog) -> dict[str, Path]:
     return copies
 
 
-def _is_same(one: Path, other: Path) -> bool:
-    return other.exists() and os.path.samefile(one, other)
+def _in_place(copies: Mapping[str, Path], output: Path) -> list[str]:
+    """Return the names of the files that are in the output folder already."""
+    return [
+        name
+        for name, path in copies.items()
+        if (output / name).exists() and os.path.samefile(path, output / name)
+    ]

@@ -196,7 +196,9 @@ def _statistics(
     rows = []
     for name, run in runs.items():
         own = span._replace(begin_s=span.begin_s - shifts[name], end_s=span.end_s - shifts[name])
-        nav, errors = _within(run.nav, own), _error_rms(run, own)
+        nav, errors = _within(run.nav, own), None
+        if run.errors is not None:
+            errors = run.error_summary(from_s=own.begin_s - _SAME_TIME_S, to_s=own.end_s + _SAME_TIME_S)
         difference = _within(differences[name], span) if name in differences else None
         for component in COMPONENTS:
             row: dict[str, Any] = {"run": name, "component": component}
@@ -205,8 +207,8 @@ def _statistics(
                 row |= {"mean": values.mean(), "rms": float(np.sqrt((values**2).mean()))}
                 row |= {"p95": values.abs().quantile(0.95), "max": values.abs().max()}
             row["median_sigma"] = nav[f"sd_{component}"].dropna().median()
-            if component in errors:
-                row["rms_error"] = errors[component]
+            if errors is not None and component in errors.index:
+                row["rms_error"] = errors.loc[component, "rms"]
             rows.append(row)
     columns = ["run", "component", "mean", "rms", "p95", "max", "median_sigma", "rms_error"]
     return pd.DataFrame(rows).reindex(columns=columns)
@@ -215,15 +217,6 @@ def _statistics(
 def _within(table_: pd.DataFrame, span: ComparedSpan) -> pd.DataFrame:
     """Return the rows of a time, to half a millisecond."""
     return table_[table_["time_s"].between(span.begin_s - _SAME_TIME_S, span.end_s + _SAME_TIME_S)]
-
-
-def _error_rms(run: Run, span: ComparedSpan) -> dict[str, float]:
-    """Return the rms error against the flight's reference within a time, by component; none without reference."""
-    errors = None if run.errors is None else _within(run.errors, span)
-    if errors is None or errors.empty:
-        return {}
-    names = [name for name in errors.columns if name.startswith("d_") and errors[name].notna().any()]
-    return {name[2:]: float(np.sqrt((errors[name].dropna() ** 2).mean())) for name in names}
 
 
 def _settings_table(comparison: Comparison) -> str:

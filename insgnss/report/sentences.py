@@ -12,6 +12,7 @@ from insgnss.report.epochs import used_at
 from insgnss.report.labels import distance, duration, number
 from insgnss.report.run_time import gps_week, utc
 from insgnss.runs.agreement import heading_of, times_their_sigma
+from insgnss.runs.reference_errors import noise_variance
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
@@ -25,6 +26,7 @@ QUIET: Final = frozenset(
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
 _KINDS_TOLD: Final = 8
+_HORIZONTAL: Final = ("n_m", "e_m")
 _CONSTANT: Final = 5.0  # times the scatter about it, above which an offset is reported separately
 _ENOUGH: Final = 10  # rows, below which nothing can be called constant
 
@@ -157,9 +159,13 @@ def _how_good(run: Run) -> list[str]:
     return [*lines, _honesty(errors), _honesty_without_offset(about), *_slow(errors)]
 
 
+def _has_slow(table: pd.DataFrame) -> bool:
+    return "sd_slow_n_m" in table and not bool(table["sd_slow_n_m"].isna().all())
+
+
 def _slow(table: pd.DataFrame) -> list[str]:
     """Return the share of the errors that last in the sigma, nothing for a run without them."""
-    if "sd_slow_n_m" not in table or table["sd_slow_n_m"].isna().all():
+    if not _has_slow(table):
         return []
     horizontal = float(
         np.nanmedian(np.hypot(table["sd_slow_n_m"].to_numpy(), table["sd_slow_e_m"].to_numpy()))
@@ -195,7 +201,7 @@ def _within(errors: pd.DataFrame) -> str:
 
 def _honesty(errors: pd.DataFrame) -> str:
     """Return how the errors of the horizontal position go with its sigma."""
-    rms = _horizontal_ratio(errors, errors["sd_n_m"], errors["sd_e_m"])
+    rms = _horizontal_ratio(errors, *(errors[f"sd_{name}"] ** 2 for name in _HORIZONTAL))
     return (
         f"The horizontal errors {times_their_sigma(rms)} (rms of error over sigma {number(rms)}, 1 is right)."
     )
@@ -203,19 +209,18 @@ def _honesty(errors: pd.DataFrame) -> str:
 
 def _honesty_without_offset(about: pd.DataFrame) -> str:
     """Return how the errors about a constant offset go with the sigma, less the errors that last, which are in it."""
-    sigma = {name: about[f"sd_{name}"] for name in ("n_m", "e_m")}
-    of_noise = ""
-    if "sd_slow_n_m" in about and not about["sd_slow_n_m"].isna().all():
-        sigma = {name: (sd**2 - about[f"sd_slow_{name}"] ** 2).pow(0.5) for name, sd in sigma.items()}
+    variances, of_noise = [about[f"sd_{name}"] ** 2 for name in _HORIZONTAL], ""
+    if _has_slow(about):
+        variances = [noise_variance(about, name) for name in _HORIZONTAL]
         of_noise = ", here the one without errors that last for minutes"
-    rms = _horizontal_ratio(about, sigma["n_m"], sigma["e_m"])
+    rms = _horizontal_ratio(about, *variances)
     return f"Without the constant offset they {times_their_sigma(rms)}{of_noise} (rms {number(rms)})."
 
 
-def _horizontal_ratio(errors: pd.DataFrame, sd_n_m: pd.Series, sd_e_m: pd.Series) -> float:
+def _horizontal_ratio(errors: pd.DataFrame, variance_n: pd.Series, variance_e: pd.Series) -> float:
     """Return the rms of the horizontal position's errors, each over its sigma."""
-    ratio: Float64 = np.concatenate([errors["d_n_m"] / sd_n_m, errors["d_e_m"] / sd_e_m])
-    return float(np.sqrt(np.nanmean(ratio**2)))
+    ratio2: Float64 = np.concatenate([errors["d_n_m"] ** 2 / variance_n, errors["d_e_m"] ** 2 / variance_e])
+    return float(np.sqrt(np.nanmean(ratio2)))
 
 
 def _heading(run: Run) -> str:

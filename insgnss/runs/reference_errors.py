@@ -54,6 +54,12 @@ def errors_against(
     return table
 
 
+def noise_variance(errors: pd.DataFrame, name: str) -> pd.Series:
+    """Return the variance of a component of errors without that of the errors that last for minutes."""
+    slow = errors[f"sd_slow_{name}"] if f"sd_slow_{name}" in errors else 0.0
+    return errors[f"sd_{name}"] ** 2 - slow**2
+
+
 def trajectory_of(nav: pd.DataFrame, week: int) -> ReferenceTable:
     """Return navigation rows as the trajectory that others are measured against."""
     return ReferenceTable(

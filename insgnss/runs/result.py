@@ -40,6 +40,7 @@ from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import column_types, pieces, table_files, write_table
 from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.datum import annotate_all, with_heading, with_sea_level, with_utc
+from insgnss.runs.reference_errors import noise_variance
 from insgnss.runs.result_folder import COLUMN_TYPES, RUN_KIND, SETTINGS, read_run
 
 _OPTIONAL = (
@@ -252,7 +253,9 @@ class Run(ResultDisplay):
         known_s = self.heading_known_s() if from_s is None else from_s
         return -np.inf if known_s is None else known_s
 
-    def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
+    def error_summary(
+        self, quality: float | None = None, from_s: float | None = None, to_s: float = np.inf
+    ) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
         ``rms_over_noise`` is that against the sigma without the slow errors, sqrt(sd^2 - sd_slow^2).
@@ -262,6 +265,7 @@ class Run(ResultDisplay):
         quality : keeps only the reference rows of at most that quality number
         from_s : keeps only the rows from that time on [s of the week]; when None from the heading known on, where it
             became known within the reference. ``-math.inf`` keeps all.
+        to_s : keeps only the rows up to that time
         """
         if self.errors is None:
             raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
@@ -270,13 +274,13 @@ class Run(ResultDisplay):
             table = table[table["quality"] <= quality]
         settled = table[table["time_s"] >= self._settled_s(from_s)]
         table = table if settled.empty and from_s is None else settled
+        table = table[table["time_s"] <= to_s]
         rows = {}
         for name in [c for c in table.columns if c.startswith("d_")]:
             values = table[name].dropna()
             if values.empty:
                 continue
             size, sigma = values.abs(), table.loc[values.index, f"sd_{name[2:]}"]
-            slow = table.loc[values.index, f"sd_slow_{name[2:]}"] if f"sd_slow_{name[2:]}" in table else 0.0
             rows[name[2:]] = {
                 "mean": values.mean(),
                 "rms": float(np.sqrt((values**2).mean())),
@@ -285,7 +289,7 @@ class Run(ResultDisplay):
                 "max": size.max(),
                 "mean_sigma": sigma.mean(),
                 "rms_over_sigma": float(np.sqrt(((values / sigma) ** 2).mean())),
-                "rms_over_noise": float(np.sqrt((values**2 / (sigma**2 - slow**2)).mean())),
+                "rms_over_noise": float(np.sqrt((values**2 / noise_variance(table, name[2:])).mean())),
             }
         return pd.DataFrame.from_dict(rows, orient="index")
 

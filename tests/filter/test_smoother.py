@@ -157,6 +157,8 @@ def test_way_back_to_a_first_sample_is_the_transition_inverted() -> None:
     imu = ImuSamples(*(column[before:] for column in (log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)))
     found, n = last_of_all(at, layout), OFFSETS + layout.n_values
 
+    found = found._replace(kept=at._replace(anew=True))
+
     (first,) = way_back(found, imu, parameters, layout)
 
     left = step_of_state(

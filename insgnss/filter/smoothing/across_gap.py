@@ -2,8 +2,8 @@
 
 After a gap the filter starts again from a fix. The samples between the first one after the gap and that fix lead back,
 without any filter: steps of Rauch, Tung and Striebel, each to a time at which nothing was known before (``way_back``).
-The filter's transition depends on its own covariance, so that it learns no heading from noise; one that knows nothing
-would see no motion at all. There is no heading to be learnt on this way, so all of the motion counts in it.
+The filter's transition depends on its own covariance, so that it learns no heading from noise: a filter that knows
+nothing would count no motion. On the way back no heading is learnt, so all motion counts.
 
 Over the gap the motion counts as a random walk of rate and specific force, as over a short gap that the filter bridges.
 So the place after the gap shows where the vehicle was before it (``last_sample``). With x the state before, y^- the
@@ -64,9 +64,9 @@ def without_shown_motion(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def way_back(
     found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> Iterator[SmoothedEpoch]:
-    """Yield samples before the epoch ``found`` at which a filter began, the last first, smoothed by that epoch.
+    """Yield samples before the epoch ``found`` at which a filter began anew, the last first, smoothed by that epoch.
 
-    The last one is the first of the samples ``imu``; in between they are some seconds apart.
+    The last of them is the first of the samples ``imu``; in between they are some seconds apart.
     """
     while found.kept.t_ns > imu.t_ns[0]:
         k = int(np.searchsorted(imu.t_ns, found.kept.t_ns - _PIECE_NS))
@@ -79,15 +79,14 @@ def _one_before(
     found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> SmoothedEpoch:
     """Return sample ``k`` smoothed by a later state alone."""
-    later = found._replace(kept=found.kept._replace(anew=True))
     bank = _about(found, k, imu, parameters)
     for _ in range(_MOST_STEPS):
-        before = one_back(kept_as_opened(bank), later, imu, parameters, layout)
+        before = one_back(kept_as_opened(bank)._replace(anew=True), found, imu, parameters, layout)
         if float((before.e**2 / np.diagonal(before.P).clip(min=_NOTHING)).max()) < _CLOSE**2:
             break
         bank = one_hypothesis(bank.state, bank.P, bank.head)
         close_loop(bank.state[0], before.e, len(before.e))
-    return before._replace(kept=before.kept._replace(anew=True))
+    return before
 
 
 def _about(found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
@@ -134,7 +133,8 @@ def last_sample(
         way.head["next"] = 1
         across = _across(cut, imu)
         P, crosses = predicted(way, after.kept, across, parameters[0], len(bank.P[0]))
-        n, shown = len(after.e), _shown(way.state[0].r_e, errors, len(after.e))
+        n = len(after.e)
+        shown = _shown(bank.state[0].r_e, errors, n)
         cross, prior = crosses[:, :n] @ shown.T, shown @ P[:n, :n] @ shown.T
         d = shown @ step_of_state(way, after, across, parameters, layout)
         step, change = _fused(prior, shown @ after.P @ shown.T, d, len(errors))

@@ -206,19 +206,20 @@ class Smoother:
         """
         parameters, layout = without_shown_motion(self.navigator.parameters), self.navigator.setup.layout
         begin, end = np.searchsorted(times_ns, [self.imu.t_ns[0], found.kept.t_ns])
-        written = int(out.counts[0].nav)
-        new, t_ns = slice(written, written + int(end - begin)), out.nav["t_ns"].copy()
-        nearest = min(int(np.searchsorted(t_ns[:written], found.kept.t_ns)), written - 1)
-        t_ns[:written], t_ns[new] = 0, times_ns[begin:end]  # among which only new rows are found
-        out.nav["t_ns"][new], out.nav["slow"][new] = t_ns[new], out.nav["slow"][nearest]
-        out.counts[0].nav += end - begin
-        first = found._replace(kept=found.kept._replace(anew=True))
+        t_ns, written = times_ns[begin:end], int(out.counts[0].nav)
+        nearest = min(int(np.searchsorted(out.nav["t_ns"][:written], found.kept.t_ns)), written - 1)
+        new = slice(written, written + len(t_ns))
+        out.nav["t_ns"][new], out.nav["slow"][new] = t_ns, out.nav["slow"][nearest]
+        out.counts[0].nav += len(t_ns)
+        first = found = found._replace(kept=found.kept._replace(anew=True))
         for first in way_back(found, self.imu, parameters, layout):
-            self._rewrite(first, t_ns[: new.stop], parameters, out)
+            self._rewrite(first, t_ns, parameters, out, written)
         return first
 
-    def _rewrite(self, found: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output) -> None:
-        """Write the row of an epoch and those up to the next one, among rows at times ``t_ns``."""
+    def _rewrite(
+        self, found: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output, first: int = 0
+    ) -> None:
+        """Write the row of an epoch and those up to the next, of the rows at ``t_ns``, which begin with ``first``."""
         n = OFFSETS + self.navigator.setup.layout.n_values
         row = int(np.searchsorted(t_ns, found.kept.t_ns))
         if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
@@ -227,14 +228,14 @@ class Smoother:
             if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
                 state = found.kept.bank.state[:1].copy()
                 at_epoch = InterpolatedStates(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
-                self._write(row, at_epoch, out)
+                self._write(first + row, at_epoch, out)
             row += 1
         if found.onward is None:
             return
         last = int(np.searchsorted(t_ns, found.onward.t_ns))
         if last > row:
             for part in smoothed(found.kept.bank, t_ns[row:last], found.onward, parameters, n):
-                self._write(row + part.rows.start, part, out)
+                self._write(first + row + part.rows.start, part, out)
 
     def _write(self, first: int, found: InterpolatedStates, out: Output) -> None:
         found = found._replace(P=found.P.copy())  # what is written is carried to GPS time
@@ -297,13 +298,12 @@ def smooth_back(stretches: list[Smoother], times_ns: Int64, out: Output) -> None
         first = stretches[at].finish(out, after)
         after = None if first is None or at == 0 else stretches[at].before_the_first(first, times_ns, out)
     count = int(out.counts[0].nav)
-    order = np.argsort(out.nav["t_ns"][:count], kind="stable")
-    for rows in (
-        out.nav,
-        out.optional,
-        *([] if stretches[0].further is None else [stretches[0].further.values]),
-    ):
-        rows[:count] = rows[:count][order]
+    t_ns = out.nav["t_ns"][:count]
+    if (t_ns[1:] < t_ns[:-1]).any():  # rows of an earlier stretch stand behind those of a later one
+        order = np.argsort(t_ns, kind="stable")
+        further = stretches[0].further
+        for rows in (out.nav, out.optional, *(() if further is None else (further.values,))):
+            rows[:count] = rows[:count][order]
 
 
 def _fits(bank: Bank, navigator: Navigator) -> bool:
