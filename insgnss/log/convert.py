@@ -13,7 +13,13 @@ from typing import Final
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, InsGnssError, ResultError
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv, write_samples_csv
+from insgnss.log.csv.writer import (
+    write_fixes_csv,
+    write_gnss_csv,
+    write_imu_csv,
+    write_reference_csv,
+    write_samples_csv,
+)
 from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import Format, beginning, detect_format
 from insgnss.log.first_flight_file import (
@@ -75,7 +81,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     gnss, found = states_beside(log.gnss, navigation)
     events += found
     # beside measurements, which hold more, the fixes are of no use
-    log = replace(log, gnss=gnss, fixes=None if len(gnss.t_ns) else log.fixes)
+    log = replace(log, gnss=gnss, fixes=None if len(gnss.t_ns) else log.satellite_fixes())
     if log.navigation is not None and not log.navigation.has_messages and gnss.sat is None:
         detail = "no complete ephemeris in the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
@@ -175,7 +181,7 @@ def _write_tables(log: ReceiverLog, folder: Path) -> int:
     if log.solution is not None:
         write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
     if log.fixes is not None:
-        write_reference_csv(folder / FIXES_FILE, log.fixes, week)
+        write_fixes_csv(folder / FIXES_FILE, log.fixes, week)
     return messages
 
 

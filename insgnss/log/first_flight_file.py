@@ -20,7 +20,7 @@ from insgnss.tables import ReferenceTable
 GNSS_FILE: Final = "gnss_obs.csv"
 IMU_FILE: Final = "imu.csv"
 REFERENCE_FILE: Final = "reference.csv"
-FIXES_FILE: Final = "fixes.csv"  # where the reference is another's
+FIXES_FILE: Final = "fixes.csv"  # of sensors, where there are no measurements
 NAVIGATION_FILE: Final = "navigation.rnx"
 FLIGHT_FILE: Final = "flight.toml"
 
@@ -115,7 +115,7 @@ def _fixes_lines(log: ReceiverLog) -> list[str]:
     fixes = _fixes_in_place(log)
     if fixes is None:
         return []
-    file = f'files = ["{REFERENCE_FILE if log.fixes is None else FIXES_FILE}"]'
+    file = f'files = ["{FIXES_FILE}"]'
     lines = [
         "",
         "# The receiver's fixes are used in place of raw measurements: remove them when you have a [gnss].",

@@ -118,8 +118,8 @@ def test_fixes_of_one_file_and_samples_of_another_become_one_flight(tmp_path: Pa
     convert([tmp_path / "receiver.ubx", inertial_unit(tmp_path, first_s, solution=False)], tmp_path / "a")
     flight = Flight.load(tmp_path / "a" / "flight.toml")
     assert flight.config.imu is not None and flight.config.reference is None
-    assert [[path.name for path in each.files] for each in flight.config.sensor] == [["reference.csv"]] * 2
-    # the other file's solution is the reference then, and the fixes are a file of their own
+    assert [[path.name for path in each.files] for each in flight.config.sensor] == [["fixes.csv"]] * 2
+    # the other file's solution is the reference then
     done = convert([tmp_path / "receiver.ubx", inertial_unit(tmp_path, first_s)], tmp_path / "b")
     flight = Flight.load(tmp_path / "b" / "flight.toml")
     assert flight.config.reference is not None and done.log.solution_from == "filter"

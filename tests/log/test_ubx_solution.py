@@ -19,6 +19,7 @@ from insgnss.errors import InputError
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
+from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.log.ubx.reader import read_ubx
@@ -156,13 +157,17 @@ def test_solution_with_the_receivers_inertial_sensor_stands_for_no_measurements(
 def test_file_of_fixes_alone_gives_sensors_of_position_and_velocity(tmp_path: Path) -> None:
     read(tmp_path, *(pvt(1000 * k) for k in range(5)))
     done = convert([tmp_path / "log.ubx"], tmp_path / "out")
-    assert [path.name for path in done.written] == ["reference.csv", "flight.toml"]
+    assert [path.name for path in done.written] == ["reference.csv", "fixes.csv", "flight.toml"]
     text = (tmp_path / "out" / "flight.toml").read_text()
-    assert 'kind = "velocity"\nfiles = ["reference.csv"]\ncolumns = { velocity = ["vn", "ve", "vd"] }' in text
+    assert 'kind = "velocity"\nfiles = ["fixes.csv"]\ncolumns = { velocity = ["vn", "ve", "vd"] }' in text
     assert "sigma_m" not in text and "sigma_mps" not in text
     flight = Flight.load(tmp_path / "out" / "flight.toml")
     assert [sensor.kind for sensor in flight.config.sensor] == ["position", "velocity"]
     assert flight.config.reference is None  # a result must not be compared with its input
+    columns = flight.config.columns_by_file()
+    for sensor in flight.config.sensor:  # every column of our own file is read
+        table, events = read_sensor(sensor, flight.config.gps_week, columns)
+        assert len(table.t_ns) == 5 and events == []
 
 
 def test_file_with_one_fix_and_nothing_else_is_an_error(tmp_path: Path) -> None:

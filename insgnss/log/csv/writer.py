@@ -5,6 +5,7 @@ Numbers are written with as many digits as it takes to get the same float64 back
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -82,6 +83,20 @@ def write_reference_csv(path: Path, reference: ReferenceTable, week: int) -> Non
             if np.isfinite(values).any():
                 columns[name] = _nullable(values)
     _write(path, columns)
+
+
+def write_fixes_csv(path: Path, fixes: ReferenceTable, week: int) -> None:
+    """Write fixes as sensors of position and velocity read them: without attitude, and without a quality.
+
+    A reference has a quality for its errors' table; a sensor's rows are weighted by their sigmas alone.
+    """
+    sigma = None
+    if fixes.sigma is not None:
+        sigma = np.full_like(fixes.sigma, np.nan)
+        sigma[:, :3] = fixes.sigma[:, :3]
+        sigma[:, 3:6] = np.where(np.isfinite(fixes.v_n).any(axis=0), fixes.sigma[:, 3:6], np.nan)
+    no_attitude, no_quality = np.full_like(fixes.rpy_deg, np.nan), np.full_like(fixes.quality, np.nan)
+    write_reference_csv(path, replace(fixes, rpy_deg=no_attitude, quality=no_quality, sigma=sigma), week)
 
 
 def _nullable(values: Float64) -> Any:
