@@ -244,7 +244,10 @@ class FurtherAntenna(MountedAntenna):
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
     files: tuple[Path, ...] = Field(min_length=1, description="columns and time as those of [gnss]")
-    format: LogFormat | None = Field(None, description="that of [gnss] when left out")
+    format: LogFormat | None = Field(
+        None,
+        description="left out: the one that its first file states, else that of [gnss] if it declares one",
+    )
     delay_m: float = Field(
         0.0,
         ge=-1e4,

@@ -27,7 +27,7 @@ from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
-from insgnss.log.stated_format import with_stated_format
+from insgnss.log.stated_format import with_stated_format, with_stated_format_of_antenna
 from insgnss.results.shown import ResultDisplay
 from insgnss.tables import (
     Event,
@@ -274,7 +274,9 @@ def _resolved(config: FlightConfig, folder: Path) -> FlightConfig:
     update: dict[str, object] = {"imu": imu, "gnss": with_stated_format(gnss), "sensor": sensors}
     if config.attitude is not None:
         antennas = tuple(
-            antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))})
+            with_stated_format_of_antenna(
+                antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))}), config.gnss
+            )
             for antenna in config.attitude.antenna
         )
         update["attitude"] = config.attitude.model_copy(update={"antenna": antennas})

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar
 
-from insgnss.config.flight import Base, Gnss, LogFormat
+from insgnss.config.flight import Base, FurtherAntenna, Gnss, LogFormat
 from insgnss.errors import InputError, MissingFileError
 from insgnss.log.detect import NAMES, Format, detect_format
 
@@ -32,6 +32,23 @@ def with_stated_format(log: _Log) -> _Log:
         return log
     stated = _stated(log.files[0])
     return log if stated not in _DECLARED else log.model_copy(update={"format": _DECLARED[stated]})
+
+
+def with_stated_format_of_antenna(antenna: FurtherAntenna, main: Gnss) -> FurtherAntenna:
+    """Return a further antenna with the format that its first file states, where none is declared.
+
+    A file that states none has the format that ``main``, the table [gnss] as it is written, declares, else the default.
+    Columns that [gnss] declares are also the antenna's: a table may look like Android's, but not like another format.
+    """
+    if antenna.format is not None:
+        return antenna
+    stated = _stated(antenna.files[0])
+    like_table = stated in _LIKE_TABLES and "columns" in main.model_fields_set
+    found = _DECLARED.get(stated) if stated is not None and not like_table else None
+    default: LogFormat = (
+        main.format if "format" in main.model_fields_set else Gnss.model_fields["format"].default
+    )
+    return antenna.model_copy(update={"format": found or default})
 
 
 @contextmanager

@@ -88,3 +88,32 @@ def test_base_without_a_format_may_be_a_receivers_own_file(tmp_path: Path) -> No
     path.write_text(path.read_text() + place)
     base = Flight.load(path).config.gnss.base
     assert base is not None and base.format == "ubx"
+
+
+ANTENNA = '\n[attitude]\nclocks = "separate"\n[[attitude.antenna]]\nname = "ahead"\nfiles = ["ahead"]\n'
+
+
+@pytest.mark.parametrize(
+    ("main", "content", "lines", "expected"),
+    [
+        ("\n".join(gnss_lines()).encode(), UBX, (), "ubx"),
+        (UBX, OBSERVATIONS, (), "rinex"),
+        (UBX, "\n".join(gnss_lines()).encode(), (), "csv"),
+        (UBX, OBSERVATIONS, ('format = "ubx"',), "rinex"),
+        (UBX, b"?", ('format = "ubx"',), "ubx"),
+        (OBSERVATIONS, f"{ANDROID_COLUMNS}\n".encode(), (), "android"),
+        (OBSERVATIONS, f"{ANDROID_COLUMNS}\n".encode(), ('columns = { sv = "Satellite" }',), "csv"),
+    ],
+)
+def test_format_left_out_of_a_further_antenna_is_the_one_that_its_own_log_states(
+    tmp_path: Path, main: bytes, content: bytes, lines: tuple[str, ...], expected: str
+) -> None:
+    (tmp_path / "ahead").write_bytes(content)
+    path = flight(tmp_path, "main", main, *lines).path
+    path.write_text(path.read_text() + ANTENNA)
+    attitude = Flight.load(path).config.attitude
+    assert attitude is not None and attitude.antenna[0].format == expected
+    # what is declared stays
+    path.write_text(path.read_text() + 'format = "sbf"\n')
+    attitude = Flight.load(path).config.attitude
+    assert attitude is not None and attitude.antenna[0].format == "sbf"
