@@ -20,6 +20,7 @@ PARTS = ("imu", "gnss", "reference")
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
+    from insgnss.log.declared import RtcmOrigin
     from insgnss.log.receiver import ReceiverLog
 
 
@@ -54,6 +55,14 @@ def convert(
             " gnss=/ublox/rawx.",
         ),
     ] = None,
+    rtcm: Annotated[
+        str,
+        typer.Option(
+            metavar="own|base",
+            help="Whose the RTCM messages in another log are: this receiver's measurements, or corrections of a base,"
+            " which are not read.",
+        ),
+    ] = "",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -70,7 +79,7 @@ def convert(
 
     with own_errors_told(), overwriting(force, inputs, output):
         declared = LogDeclarations(
-            None if date is None else date.date(), _scales(imu_scale), _topics(topic or [])
+            None if date is None else date.date(), _scales(imu_scale), _topics(topic or []), _origin(rtcm)
         )
         with telling("converting"):
             done = convert_files(inputs, output, declared)
@@ -105,6 +114,20 @@ def _scales(text: str) -> tuple[float, float] | None:
             advice="write rad and m/s of a count: 1e-9,2e-8",
         )
     return angle, velocity
+
+
+def _origin(text: str) -> RtcmOrigin | None:
+    """Return whose the RTCM messages are, None without ``--rtcm``.
+
+    Raises
+    ------
+    ConfigError : another word
+    """
+    if text in ("own", "base"):
+        return "own" if text == "own" else "base"
+    if text:
+        raise ConfigError(f"'{text}' is neither 'own' nor 'base'", key="--rtcm")
+    return None
 
 
 def _topics(named: list[str]) -> dict[str, str]:

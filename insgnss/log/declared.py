@@ -5,6 +5,9 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
+
+RtcmOrigin = Literal["own", "base"]
 
 
 @dataclass(frozen=True)
@@ -15,3 +18,5 @@ class LogDeclarations:
     imu_scales: tuple[float, float] | None = None  # [rad, m/s] of one count of a NovAtel sensor
     # part ("imu", "gnss", "reference") -> topic of a bag
     topics: Mapping[str, str] = field(default_factory=dict)
+    # whose the RTCM measurements in another log are: this receiver's, or a base station's that corrects it
+    rtcm: RtcmOrigin | None = None

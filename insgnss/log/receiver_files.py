@@ -9,9 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import pymap3d
-
 from insgnss.errors import InputError, TimeError
 from insgnss.gpstime import ns_to_utc
 from insgnss.log.android.reader import read_android
@@ -23,18 +20,19 @@ from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.log.rosbag.reader import read_rosbag
+from insgnss.log.rtcm.origin import judged_origin
 from insgnss.log.rtcm.reader import read_rtcm
 from insgnss.log.sbf.reader import read_sbf
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.log.ulog.reader import read_ulog
-from insgnss.tables import Event, ReferenceTable
 
 
 def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
     """Read the files of one receiver, all of one format.
 
     Where a binary log holds no solution of its own kind, the fixes of the NMEA sentences in it are the solution; where
-    it holds no measurements, those of the RTCM messages in it are read, unless they are a distant base station's.
+    it holds no measurements, those of the RTCM messages in it are read, unless they are a base station's: as declared,
+    or by its distance.
 
     Raises
     ------
@@ -51,8 +49,13 @@ def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations
         sentences = _nmea_inside(paths, declared.date or _first_day(log))
         if sentences is not None:
             log = replace(log, solution=sentences.solution, events=log.events + sentences.events)
+            if kind == "rtcm" and isinstance(failure, TimeError):  # the sentences may know the date
+                stream = read_rtcm(paths, _first_day(log))
+                log = replace(stream, solution=log.solution, events=stream.events + log.events)
     if kind != "rtcm" and not len(log.gnss.t_ns):
-        log = _with_rtcm(log, kind, paths, declared.date or _first_day(log))
+        log = _with_rtcm(log, kind, paths, declared)
+    elif kind == "rtcm":
+        log = _of_the_receiver(log, paths, declared)
     if failure is not None and log.solution is None and not len(log.gnss.t_ns):
         raise failure
     return log
@@ -66,7 +69,9 @@ def _first_day(log: ReceiverLog) -> dt.date | None:
     return day
 
 
-def _with_rtcm(log: ReceiverLog, kind: Format, paths: Sequence[Path], date: dt.date | None) -> ReceiverLog:
+def _with_rtcm(
+    log: ReceiverLog, kind: Format, paths: Sequence[Path], declared: LogDeclarations
+) -> ReceiverLog:
     """Return a log without measurements with those of the RTCM messages between its own.
 
     Raises
@@ -74,41 +79,48 @@ def _with_rtcm(log: ReceiverLog, kind: Format, paths: Sequence[Path], date: dt.d
     TimeError : the log has nothing else, and the date of the messages is unknown
     """
     try:
-        stream = read_rtcm(paths, date)
+        stream = read_rtcm(paths, declared.date or _first_day(log))
     except TimeError:
-        if log.solution is None:
+        if log.solution is None and declared.rtcm != "base":
             raise
         return log
     except InputError:
         return log
-    fixes = log.satellite_fixes()
-    away_m = _distance_m(fixes, stream.station_m)
     name = f"{paths[0]}: RTCM messages between those of {NAMES[kind]}"
-    if away_m > _SAME_ANTENNA_M:
-        detail = f"{name} hold the measurements of a station {away_m / 1e3:.3g} km away, a base: not read"
-        return replace(log, events=[*log.events, Event(None, "rtcm_of_base", detail)])
-    whose = "they do not say whose they are"
-    if fixes is not None and stream.station_m is not None:
-        whose = f"their station is {away_m:.0f} m from the fixes"
-    detail = (
-        f"{name} are read as this receiver's measurements; {whose}. If they are a base station's: name the"
-        " measurements converted from them under [gnss.base] with format = 'csv' and the place of the base"
-        f" (lat_deg, lon_deg, h_m), and record {_OWN_MEASUREMENTS[kind]} of this receiver for [gnss]"
-    )
+    origin, event = judged_origin(stream, log.satellite_fixes(), declared.rtcm, name, _OWN_MEASUREMENTS[kind])
+    if origin == "base":
+        return replace(log, events=[*log.events, event])
     return replace(
         log,
         gnss=stream.gnss,
         navigation=log.navigation or stream.navigation,
-        events=[*log.events, Event(None, "rtcm_read", detail), *stream.events],
+        events=[*log.events, event, *stream.events],
     )
 
 
-def _distance_m(fixes: ReferenceTable | None, station_m: tuple[float, float, float] | None) -> float:
-    """Return how far the middle of a receiver's fixes is from the place that a stream states, 0 without either."""
-    if fixes is None or station_m is None:
-        return 0.0
-    middle = (float(np.median(part)) for part in (fixes.lat_deg, fixes.lon_deg, fixes.h_m))
-    return float(np.linalg.norm(np.subtract(pymap3d.geodetic2ecef(*middle), station_m)))
+def _of_the_receiver(stream: ReceiverLog, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
+    """Return an RTCM log with the fixes of NMEA sentences in it, without its measurements where they are a base's.
+
+    Raises
+    ------
+    InputError : they are declared a base station's, and the log has no fixes
+    """
+    if stream.solution is None and declared.rtcm != "base":
+        return stream
+    name = f"{paths[0]}: RTCM messages beside the receiver's NMEA"
+    origin, event = judged_origin(stream, stream.solution, declared.rtcm, name, "the measurements")
+    if origin == "own":
+        # of a base that logs its own stream there is nothing to tell
+        known = stream.station_m is not None
+        return stream if known else replace(stream, events=[*stream.events, event])
+    if stream.solution is None:
+        raise InputError(
+            "the RTCM measurements are declared a base station's, and the log holds no fixes of the receiver",
+            file=paths[0],
+            key="--rtcm",
+            advice="leave the option out to convert the base station's measurements, for [gnss.base]",
+        )
+    return replace(stream, gnss=no_measurements(), events=[*stream.events, event])
 
 
 def _nmea_inside(paths: Sequence[Path], date: dt.date | None) -> ReceiverLog | None:
@@ -138,7 +150,6 @@ def _alone(kind: Format, paths: Sequence[Path]) -> Path:
     return paths[0]
 
 
-_SAME_ANTENNA_M: Final = 50.0  # a receiver alone errs by less; a base is seldom so near
 _OWN_MEASUREMENTS: Final[dict[Format, str]] = {"ubx": "UBX-RXM-RAWX", "sbf": "MeasEpoch", "novatel": "RANGE"}
 _WITH_OTHERS: Final = ("ubx", "sbf", "novatel", "rtcm")  # receivers send both over one port
 _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], ReceiverLog]]] = {
@@ -149,6 +160,6 @@ _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], Receive
     "nmea": lambda paths, declared: read_nmea(paths, declared.date),
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
     "ulog": lambda paths, declared: read_ulog(_alone("ulog", paths), declared.topics),
-    "mcap": lambda paths, declared: read_rosbag(_alone("mcap", paths), declared.topics),
+    "mcap": lambda paths, declared: read_rosbag(_alone("mcap", paths), declared.topics, declared.rtcm),
     "android": lambda paths, _: read_android(_alone("android", paths)),
 }

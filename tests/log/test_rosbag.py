@@ -21,7 +21,7 @@ from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rosbag.reader import read_rosbag
-from tests.log.rtcm_encoder import Orbit, galileo_ephemeris, msm
+from tests.log.rtcm_encoder import Orbit, galileo_ephemeris, msm, station
 from tests.log.test_convert import read_again, same
 from tests.log.test_fuzz_receivers import CUT, FLIPS, turned
 from tests.log.test_rtcm import TOW_S, WEEK, gps_cells
@@ -301,6 +301,29 @@ def test_bytes_are_read_as_what_they_are(tmp_path: Path, kind: str) -> None:
         )
     log = read(tmp_path, bag.data)
     assert len(np.unique(log.gnss.t_ns)) == (3 if kind == "ubx" else 1) and "G05" in log.gnss.sv_names
+
+
+def test_corrections_that_a_robot_receives_are_no_measurements_of_its_receiver(tmp_path: Path) -> None:
+    bag = Bag()
+    for k in range(3):
+        bag.fix(k)  # far from the station
+        data = msm("G", 7, (TOW_S + k) * 1000, gps_cells()) + station(7, -3869297.5, 3436571.3, 3717369.4)
+        data += galileo_ephemeris(11, WEEK - 1024, Orbit())
+        content = {"header": header(k), "message": list(data)}
+        bag.put("/ntrip_client/rtcm", "rtcm_msgs/msg/Message", BYTES, k, content)
+    log = read(tmp_path, bag.data)
+    assert not len(log.gnss.t_ns) and log.satellite_fixes() is not None
+    assert "km away, a base: not read" in {event.kind: event.detail for event in log.events}["rtcm_of_base"]
+    # a topic that the user names is this receiver's
+    assert len(np.unique(read(tmp_path, bag.data, gnss="/ntrip_client/rtcm").gnss.t_ns)) == 3
+    assert len(np.unique(read_rosbag(tmp_path / "bag", rtcm="own").gnss.t_ns)) == 3
+    bag = Bag()
+    for k in range(3):
+        bag.fix(k)
+        content = {"header": header(k), "message": list(msm("G", 7, TOW_S * 1000, gps_cells()))}
+        bag.put("/rtcm", "rtcm_msgs/msg/Message", BYTES, k, content)
+    (tmp_path / "bag").write_bytes(bag.data)
+    assert not len(read_rosbag(tmp_path / "bag", rtcm="base").gnss.t_ns)
 
 
 def test_of_several_topics_one_has_to_be_named(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime as dt
+import functools
 import math
+import operator
 import struct
 from pathlib import Path
 
@@ -312,6 +314,84 @@ def test_measurements_without_a_station_are_read_with_what_to_do_if_they_are_a_b
     assert len(log.gnss.t_ns) == 12
     (told,) = (event.detail for event in log.events if event.kind == "rtcm_read")
     assert "do not say whose they are" in told and "[gnss.base]" in told and "lat_deg" in told
+
+
+def test_measurements_declared_a_bases_leave_the_receivers_fixes(tmp_path: Path) -> None:
+    path = tmp_path / "rover.ubx"
+    stream = b"".join(msm("G", 7, (TOW_S + k) * 1000, gps_cells()) for k in range(4))
+    path.write_bytes(own_fixes(STATION_M) + stream)
+    asked = ["convert", str(path), "-o", str(tmp_path / "out"), "--rtcm"]
+
+    done = CliRunner().invoke(app, [*asked, "base"])
+
+    assert done.exit_code == 0 and "rtcm_of_base" in done.output and "as declared" in done.output
+    assert "4 fixes of the receiver take their place" in done.output
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert [sensor.kind for sensor in flight.config.sensor] == ["position", "velocity"]
+    refused = CliRunner().invoke(app, [*asked, "rover"])
+    assert refused.exit_code != 0 and "'rover' is neither 'own' nor 'base'" in refused.output
+    # without a date the stream is not read, which does not matter if it is another's
+    path.write_bytes(frame(0x0501, b"\x06\x8a") + stream)
+    with pytest.raises(InputError, match="no raw measurement"):
+        read_receiver("ubx", [path], LogDeclarations(rtcm="base"))
+
+
+def test_measurements_of_a_distant_station_are_the_receivers_own_if_declared(tmp_path: Path) -> None:
+    """A base that sends a surveyed place, and itself has no good fix."""
+    path = tmp_path / "base.ubx"
+    path.write_bytes(own_fixes((STATION_M[0], STATION_M[1] + 200.0, STATION_M[2])) + STREAM)
+    (refused,) = (
+        e for e in read_receiver("ubx", [path], LogDeclarations()).events if e.kind == "rtcm_of_base"
+    )
+    assert "--rtcm own" in refused.detail
+
+    log = read_receiver("ubx", [path], LogDeclarations(rtcm="own"))
+
+    same(read(tmp_path, STREAM).gnss, log.gnss)
+    assert "as declared" in {event.kind: event.detail for event in log.events}["rtcm_read"]
+
+
+def sentences(at: tuple[float, float, float]) -> bytes:
+    """Return NMEA of a receiver at a place (ECEF, m) and the times of ``STREAM``."""
+    lat, lon, h_m = pymap3d.ecef2geodetic(*at)
+    lines = []
+    for k in range(4):
+        time = f"{dt.datetime(2025, 11, 13, 10, 3, 47) + dt.timedelta(seconds=k):%H%M%S.00}"
+        north, east = (f"{int(abs(x)):0{n}d}{60 * (abs(x) % 1):09.6f}" for x, n in ((lat, 2), (lon, 3)))
+        lines += [f"GPRMC,{time},A,{north},N,{east},E,0.0,,131125,,,A"]
+        lines += [f"GPGGA,{time},{north},N,{east},E,1,09,1.0,{h_m:.3f},M,0.0,M,,"]
+    return b"".join(
+        f"${line}*{functools.reduce(operator.xor, line.encode()):02X}\r\n".encode() for line in lines
+    )
+
+
+def test_corrections_between_the_sentences_of_a_receiver_are_no_measurements_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "serial.log"
+    path.write_bytes(sentences((STATION_M[0], STATION_M[1] + 2000.0, STATION_M[2])) + STREAM)
+    assert detect_format(path) == "rtcm"
+
+    done = convert([path], tmp_path / "out")
+
+    assert [p.name for p in done.written] == ["navigation.rnx", "reference.csv", "fixes.csv", "flight.toml"]
+    assert "2 km away" in {event.kind: event.detail for event in done.events}["rtcm_of_base"]
+    # those of a base that logs its own stream are its own, without a word
+    path.write_bytes(sentences(STATION_M) + STREAM)
+    log = read_receiver("rtcm", [path], LogDeclarations())
+    assert len(log.gnss.t_ns) and not {"rtcm_of_base", "rtcm_read"} & {event.kind for event in log.events}
+    path.write_bytes(STREAM)
+    with pytest.raises(InputError, match=r"declared a base station's(.|\n)*leave the option out"):
+        read_receiver("rtcm", [path], LogDeclarations(rtcm="base"))
+
+
+def test_sentences_beside_a_stream_tell_its_date(tmp_path: Path) -> None:
+    path = tmp_path / "serial.log"
+    stream = b"".join(msm("G", 7, (TOW_S + k) * 1000, gps_cells()) for k in range(4))
+    path.write_bytes(sentences(STATION_M) + stream)
+
+    log = read_receiver("rtcm", [path], LogDeclarations())
+
+    assert log.gnss.t_ns[0] == T0_NS and log.solution is not None and log.solution.t_ns[0] == T0_NS
+    assert "do not say whose they are" in {event.kind: event.detail for event in log.events}["rtcm_read"]
 
 
 def test_rtcm_among_messages_without_a_fix_needs_a_date(tmp_path: Path) -> None:

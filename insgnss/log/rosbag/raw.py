@@ -36,6 +36,15 @@ def is_stream(topic: Topic) -> bool:
     return SYNC in stream or _RTCM_PREAMBLE in stream
 
 
+def is_rtcm(topic: Topic) -> bool:
+    """Say whether a topic of raw measurements is one of bytes that are read as RTCM 3."""
+    return topic.kind in BYTES and not _begins_as_ubx(_stream(topic, []))
+
+
+def _begins_as_ubx(stream: bytes) -> bool:
+    return SYNC in stream[:4096]
+
+
 def _stream(topic: Topic, events: list[Event]) -> bytes:
     return b"".join(bytes(getattr(m, BYTES[topic.kind])) for _, m in topic.decoded(events))
 
@@ -51,7 +60,7 @@ def raw_log(topic: Topic, subframes: Sequence[Topic], path: Path, events: list[E
     try:
         if topic.kind in BYTES:
             stream = _stream(topic, events)
-            if SYNC in stream[:4096]:
+            if _begins_as_ubx(stream):
                 return read_ubx_bytes([(path, stream)])
             return read_rtcm_bytes(stream, str(path))
         frames = [(t_ns, _rawx(m)) for t_ns, m in topic.decoded(events)]

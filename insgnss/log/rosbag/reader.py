@@ -19,11 +19,13 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.gpstime import unix_to_gps_ns
+from insgnss.log.declared import RtcmOrigin
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference
 from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.rosbag.mcap_file import Topic, read_topics
-from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
+from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_rtcm, is_stream, raw_log
+from insgnss.log.rtcm.origin import judged_origin
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
 
@@ -42,12 +44,16 @@ _NOT_MEASURED: Final = -1.0  # first element of a covariance
 Decoded = list[tuple[int, Any]]
 
 
-def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLog:
+def read_rosbag(
+    path: Path, topics: Mapping[str, str] | None = None, rtcm: RtcmOrigin | None = None
+) -> ReceiverLog:
     """Read a ROS 2 bag (MCAP, plain or gzipped).
 
     Parameters
     ----------
     topics : "imu", "gnss", "reference" -> topic, where several would do
+    rtcm : whose the measurements of an RTCM topic are, None if unknown; this receiver's if the topic is named in
+        ``topics``
 
     Raises
     ------
@@ -75,6 +81,9 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
         raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
         fix_topic = _one(found, "reference", (FIX,), wanted, path)
         own = None if fix_topic is None else _fixes(fix_topic, events)
+        if raw is not None and raw_topic is not None and is_rtcm(raw_topic):
+            declared = rtcm or ("own" if "gnss" in wanted else None)
+            raw = _of_the_receiver(raw, own, declared, raw_topic, events)
         samples = [each for topic in found.values() for each in _further(topic, events)]
     used = {topic.name for topic in (imu_topic, raw_topic, fix_topic, *subframes) if topic is not None}
     used |= {each.source for each in samples}
@@ -111,6 +120,23 @@ def _one(
             advice=f"name the one to read: --topic {part}={fitting[0].name}",
         )
     return fitting[0] if fitting else None
+
+
+def _of_the_receiver(
+    raw: ReceiverLog,
+    fixes: ReferenceTable | None,
+    declared: RtcmOrigin | None,
+    topic: Topic,
+    events: list[Event],
+) -> ReceiverLog | None:
+    """Return the measurements of an RTCM topic, None if they are a base station's."""
+    name = f"{topic.name} ({topic.kind}): its RTCM messages"
+    origin, event = judged_origin(
+        raw, fixes, declared, name, "ublox_msgs/msg/RxmRAWX or the receiver's bytes"
+    )
+    if not (origin == "own" and declared == "own"):  # a topic that is named needs no event
+        events.append(event)
+    return raw if origin == "own" else None
 
 
 def _times(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
