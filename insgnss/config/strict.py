@@ -166,7 +166,11 @@ def _plain(value: Any) -> Any:
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
-        return text, tomllib.loads(text)
+        data = tomllib.loads(text)
+        if (key := _key_with_nul(data)) is not None:
+            advice = "remove the \\u0000: no path or name can hold it"
+            raise ConfigError("the text holds a NUL character", file=path, key=key, advice=advice)
+        return text, data
     except UnicodeDecodeError as error:
         raise ConfigError("the file is not UTF-8 text", file=path, advice="save the file in UTF-8") from error
     except RecursionError:
@@ -179,6 +183,18 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
             line=int(found[1]) if found else None,
             advice="texts need quotes, tables look like [imu], arrays like [1, 2, 3]",
         ) from error
+
+
+def _key_with_nul(value: Any, key: str = "") -> str | None:
+    """Return the dotted key of the first text with a NUL character, None without any."""
+    if isinstance(value, dict):
+        inside = ((name, f"{key}.{name}" if key else name) for name in value)
+        found = (name if "\0" in name else _key_with_nul(value[name], dotted) for name, dotted in inside)
+    elif isinstance(value, list):
+        found = (_key_with_nul(item, key) for item in value)
+    else:
+        return key if isinstance(value, str) and "\0" in value else None
+    return next((place for place in found if place is not None), None)
 
 
 def _too_deep(path: Path | None) -> ConfigError:

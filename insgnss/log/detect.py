@@ -47,7 +47,7 @@ _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
 _MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
 _OTHER_BAGS: Final = {
-    b"#ROSBAG V": "a ROS 1 bag: convert it to a ROS 2 bag in MCAP with 'rosbags-convert'",
+    b"#ROSBAG V": "a ROS 1 bag: convert it with 'rosbags-convert --src IN.bag --dst OUT --dst-storage mcap'",
     b"SQLite format 3\0": "a ROS 2 bag in SQLite (.db3): convert it to MCAP, with 'ros2 bag convert' or 'mcap convert'",
 }
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")

@@ -121,6 +121,19 @@ def test_file_that_is_no_toml_gives_the_line(tmp_path: Path) -> None:
     assert failure(tmp_path, GOOD.replace("[imu]", "[imu")).line == 3
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('files = ["gnss.csv"]', 'files = ["gnss.csv", "a\\u0000b"]', "gnss.files"),
+        ('grade = "tactical"', 'grade = "\\u0000"', "imu.grade"),
+        ("[gnss]", '["\\u0000"]', "\0"),
+    ],
+)
+def test_text_with_a_nul_character_names_its_key(tmp_path: Path, old: str, new: str, key: str) -> None:
+    error = failure(tmp_path, GOOD.replace(old, new))
+    assert "NUL character" in error.message and error.key == key
+
+
 def test_file_that_is_no_text_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "flight.toml"
     path.write_bytes(b"\xff\xfe\x00g")

@@ -62,7 +62,7 @@ def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format
         (b"time_s,sv\n1,G05\n", "CSV"),
         (b"time_s,sv\n1,G05\n" * 10 + b"\x00", "CSV"),
         (b"Time [s];Satellite\n1;5\n", "CSV"),
-        (b"#ROSBAG V2.0\nE\x00\x00\x00chunk_count=\x01", "ROS 1 bag.*in MCAP.*rosbags-convert"),
+        (b"#ROSBAG V2.0\nE\x00\x00\x00chunk_count=\x01", "ROS 1 bag.*rosbags-convert.*--dst-storage mcap"),
         (b"SQLite format 3\x00", "ROS 2 bag in SQLite.*MCAP.*ros2 bag convert"),
         (b"just words", "no header of a known format"),
         ("time_s,sv\n1,G05\n".encode("utf-16"), "UTF-16.*save it in UTF-8"),

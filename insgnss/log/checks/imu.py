@@ -67,7 +67,7 @@ def imu_findings(
 
     Parameters
     ----------
-    velocity : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
+    velocity : by the GNSS log; without it, and where it has no common time, a steady motion looks like rest
     grade : the declared one; the noise is compared with it where the speed shows rest
     accel_unit : the declared one
     """
@@ -95,8 +95,9 @@ def imu_findings(
     known, mps, sd_mps = _speed_at(windows, velocity)
     resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
     if resting.sum() >= MIN_REST_WINDOWS:
+        where = "at rest" if known.any() else "at rest or in steady motion"
         by_grade = [] if grade is None or not known.any() else _at_rest_by_grade(windows, resting, grade)
-        return findings + _rest_findings(windows, resting, "at rest", accel_unit) + by_grade
+        return findings + _rest_findings(windows, resting, where, accel_unit) + by_grade
     moving = steady & known
     if moving.sum() >= MIN_REST_WINDOWS:
         where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"

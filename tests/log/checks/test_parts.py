@@ -301,6 +301,12 @@ def test_unit_that_is_mistaken_for_a_scale_error_is_named(declared: str, written
     assert not any("as if" in found.text for found in imu_findings(biased, 0, accel_unit=declared))
 
 
+def test_steady_log_without_a_speed_is_not_called_rest() -> None:
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0))
+
+    assert "at rest or in steady motion for 60 s" in text and "at rest for" not in text
+
+
 def test_rest_counts_only_where_the_vehicle_stood() -> None:
     epochs = np.arange(-1, 62) * NS_PER_S
     velocity = GroundVelocity(epochs, ahead(np.where(epochs < 20 * NS_PER_S, 0.0, 70.0)), np.full(63, 0.1))
