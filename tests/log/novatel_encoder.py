@@ -166,6 +166,13 @@ def bestpos(tow_s: float, status: int = 0, kind: int = 16) -> bytes:
     return message(42, body + b"AAAA" + struct.pack("<ff8B", 0, 0, *[9] * 8), tow_s)
 
 
+def bestxyz(
+    tow_s: float, xyz: tuple[float, float, float], velocity: tuple[float, float, float], status: int = 0
+) -> bytes:
+    parts = [struct.pack("<II3d3f", status, 16, *vector, 0.5, 0.6, 0.9) for vector in (xyz, velocity)]
+    return message(241, b"".join(parts) + b"AAAA" + struct.pack("<fff8B", 0, 0, 0, *[9] * 8), tow_s)
+
+
 def heading2(tow_s: float, heading_deg: float, status: int = 0, kind: int = 50) -> bytes:
     """Return HEADING2 of a baseline of 1.25 m, pitch 1.5 deg, sigmas 0.25 and 0.5 deg."""
     body = struct.pack("<II6f", status, kind, 1.25, heading_deg, 1.5, 0.0, 0.25, 0.5)

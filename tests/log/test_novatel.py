@@ -25,6 +25,7 @@ from tests.log.novatel_encoder import (
     Channel,
     bestpos,
     bestvel,
+    bestxyz,
     gloephemeris,
     heading2,
     inav,
@@ -261,6 +262,23 @@ def test_best_position_takes_the_velocity_of_its_time(tmp_path: Path) -> None:
     assert np.isnan(own.v_n[0]).all() and own.v_n[1] == pytest.approx([0.0, 10.0, -0.5], abs=1e-12)
 
 
+def test_position_along_the_axes_of_the_earth_is_read_where_there_is_no_other(tmp_path: Path) -> None:
+    """On the equator at 90 deg east north is z, east is -x, down is -y."""
+    on_equator = (0.0, 6_378_137.0 + 250.0, 0.0)
+    data = b"".join(bestxyz(TOW_S + k, on_equator, (-2.0, -0.5, 1.0)) for k in range(3))
+    lost = bestxyz(TOW_S + 3, on_equator, (0.0, 0.0, 0.0), status=1)
+    own = (log := read(tmp_path, data + lost)).solution
+    assert own is not None and own.t_ns.tolist() == [(WEEK * 604_800 + TOW_S + k) * 10**9 for k in range(3)]
+    assert (own.lat_deg[0], own.lon_deg[0], own.h_m[0]) == pytest.approx((0.0, 90.0, 250.0), abs=1e-8)
+    assert own.v_n[0] == pytest.approx([1.0, 2.0, 0.5], abs=1e-12)
+    assert log.solution_point == "antenna" and log.satellite_fixes() is own
+    kinds = {event.kind: event.detail for event in log.events}
+    assert "1 row(s)" in kinds["novatel_no_solution"] and "novatel_not_used" not in kinds
+    # BESTPOS holds its sigmas too
+    both = read(tmp_path, data + b"".join(bestpos(TOW_S + k) for k in range(3))).solution
+    assert both is not None and both.lat_deg[0] == 51.15
+
+
 def test_damage_cuts_and_other_messages_are_told(tmp_path: Path) -> None:
     whole = read(tmp_path, LOG)
     spoilt = bytearray(b"<OK\r\n" + LOG + message(83, bytes(40)) + message(2050, bytes(20)) + LOG[-60:-20])
@@ -276,6 +294,8 @@ def test_damage_cuts_and_other_messages_are_told(tmp_path: Path) -> None:
 def test_a_log_of_nothing_that_is_read_says_what_to_log(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"RANGECMP4(.|\n)*RANGEB"):
         read(tmp_path, message(2050, bytes(20)))
+    with pytest.raises(InputError, match="messages not read, by number: 2 of 93"):
+        read(tmp_path, 2 * message(93, bytes(20)))
     with pytest.raises(InputError, match="no NovAtel message"):
         read(tmp_path, b"\xaa\x44\x12 nothing of the kind")
 
@@ -341,6 +361,7 @@ FUZZED = b"".join(
         *(gloephemeris(3, -4, 512_100.0), inav(11, 512_400), rawephem(7, subframes(), 410_400)),
         *(inspvax(TOW_S + k) for k in range(3)),
         *(bestpos(TOW_S) + bestvel(TOW_S, 1.0, 2.0, 3.0), short(508, bytes(88))),
+        bestxyz(TOW_S, (0.0, 6_378_137.0, 0.0), (1.0, 2.0, 3.0)),
         *(heading2(TOW_S + k, 45.0) for k in range(2)),
     ]
 )

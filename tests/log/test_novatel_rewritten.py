@@ -18,6 +18,7 @@ from tests.log.novatel_encoder import (
     Channel,
     bestpos,
     bestvel,
+    bestxyz,
     inspvas,
     message,
     range_b,
@@ -31,6 +32,7 @@ BINARY = LOG + b"".join(
     [
         bestpos(TOW_S),
         bestvel(TOW_S, 10.0, 90.0, 0.5),
+        bestxyz(TOW_S, (0.0, 6_378_137.0, 0.0), (0.0, 0.0, 0.0)),
         inspvas(TOW_S + 9),
         rawimus(TOW_S, (1, 2, 3), (4, 5, 6)),
     ]

@@ -1,7 +1,7 @@
 """NovAtel receivers' logs (OEM4 to OEM7, SPAN): raw measurements, ephemerides, inertial samples, solution.
 
 Read are RANGE, RANGECMP, RANGECMP2; RAWEPHEM and the decoded ephemerides; RAWIMU, RAWIMUS, RAWIMUX, RAWIMUSX; INSPVAX,
-INSPVA, BESTPOS with BESTVEL; HEADING2 or HEADING, whose heading (no pitch) becomes a further sensor's samples;
+INSPVA, BESTPOS with BESTVEL, BESTXYZ; HEADING2 or HEADING, whose heading (no pitch) becomes a further sensor's samples;
 with NovAtel's own library RANGECMP3 to RANGECMP5, and all of them in ASCII. All other messages are counted by their
 numbers.
 """
@@ -22,7 +22,7 @@ from insgnss.log.novatel.imu import EXTENDED, INSCONFIG, PLAIN, imu_table
 from insgnss.log.novatel.navigation import DECODED, IONUTC, RAW, broadcast
 from insgnss.log.novatel.ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2, measurements
 from insgnss.log.novatel.rewritten import rewritten
-from insgnss.log.novatel.solution import BESTPOS, BESTVEL, INSPVA, INSPVAX, solution
+from insgnss.log.novatel.solution import BESTPOS, BESTVEL, BESTXYZ, INSPVA, INSPVAX, solution
 from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.tables import Event
 
@@ -31,7 +31,7 @@ KNOWN: Final = frozenset(
         *(RANGE, RANGECMP, RANGECMP2, *COMPRESSED_FURTHER),
         *(*RAW, *DECODED, IONUTC),
         *(*PLAIN, *EXTENDED, INSCONFIG),
-        *(INSPVAX, *INSPVA, BESTPOS, BESTVEL, HEADING2, HEADING_OF_OLD),
+        *(INSPVAX, *INSPVA, BESTPOS, BESTVEL, BESTXYZ, HEADING2, HEADING_OF_OLD),
     )
 )
 
@@ -76,7 +76,8 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         for reason, count in found.refused.items()
     ]
     if gnss is None and imu is None and own is None:
-        why = "; ".join(e.detail for e in events if e.kind in ("imu_not_used", "novatel_compressed"))
+        reasons = ("imu_not_used", "novatel_compressed", "novatel_not_used")
+        why = "; ".join(e.detail for e in events if e.kind in reasons)
         raise InputError(
             f"the NovAtel log holds no measurement, sample or solution that can be read{': ' + why if why else ''}",
             file=paths[0],

@@ -19,7 +19,9 @@ from insgnss.tables import Event
 
 INSTALL: Final = "pip install 'insgnss[novatel]'"
 _PROGRAM: Final = Path(__file__).with_name("library.py")
-_KINDS: Final = rb"(RANGE|RAWIMU|RAWEPHEM|INSPVA|INSCONFIG|BESTPOS|BESTVEL|HEADING|[A-Z]{3,6}EPHEM|IONUTC)"
+_KINDS: Final = (
+    rb"(RANGE|RAWIMU|RAWEPHEM|INSPVA|INSCONFIG|BESTPOS|BESTVEL|BESTXYZ|HEADING|[A-Z]{3,6}EPHEM|IONUTC)"
+)
 # "#RANGEA,COM1,...;...*crc", with short headers "%RAWIMUSA,...;...*crc", abbreviated "<RANGE COM1 ..."
 _ASCII: Final = re.compile(rb"[#%%]%b[A-Z0-9]*A,|<%b[A-Z0-9]*[ \t]" % (_KINDS, _KINDS))
 _SOUND: Final = re.compile(rb"[#%]([A-Z0-9_]+A,[^\r\n#%*]{8,}?)\*([0-9a-fA-F]{8})\r?\n?")

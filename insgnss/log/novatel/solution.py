@@ -1,8 +1,9 @@
-"""INSPVAX, INSPVA or BESTPOS, the receiver's own solution, as a reference with its sigmas.
+"""INSPVAX, INSPVA, BESTPOS or BESTXYZ, the receiver's own solution, as a reference with its sigmas.
 
 OEM7 commands and logs reference manual: roll about the forward, pitch about the right axis, azimuth clockwise from
 north, degrees; velocities north, east, up. INSPVAX and BESTPOS state the height above the geoid and the undulation. The
-sigmas of INSPVA come in another message (INSSTDEV) and are not taken.
+sigmas of INSPVA come in another message (INSSTDEV) and are not taken. Those of BESTXYZ are along the axes of the Earth,
+without their correlations: not taken either.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import records
 from insgnss.log.novatel.frames import NovatelFrames
-from insgnss.log.own_solution import distinct_rows, on_earth, stated_sigmas
-from insgnss.tables import Event, Float64, Int64, ReferenceTable
+from insgnss.log.own_solution import distinct_rows, from_earth_axes, on_earth, stated_sigmas
+from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 
 INSPVAX: Final = 1465
 INSPVA: Final = (507, 508)  # with the long and the short header
 BESTPOS, BESTVEL = 42, 99
+BESTXYZ: Final = 241
 _POSITION: Final = (("lat", "<f8"), ("lon", "<f8"), ("height", "<f8"))
 _MOTION: Final = tuple((name, "<f8") for name in ("vn", "ve", "vu", "roll", "pitch", "azimuth"))
 _INSPVAX: Final = np.dtype(
@@ -48,6 +50,10 @@ _BESTVEL: Final = np.dtype(
         ("vu", "<f8"),
     ]
 )
+_ALONG_EARTH_AXES: Final = np.dtype(
+    [("status", "<u4"), ("kind", "<u4"), ("xyz", "<f8", (3,)), ("sigma", "<f4", (3,))]
+)
+_BESTXYZ: Final = np.dtype([("position", _ALONG_EARTH_AXES), ("velocity", _ALONG_EARTH_AXES)])
 _GOOD: Final = (3,)  # INS_SOLUTION_GOOD
 _USABLE: Final = (2, 6, 7)  # high variance, free of satellites, alignment complete: quality 2
 _COMPUTED: Final = 0
@@ -55,7 +61,7 @@ _COMPUTED: Final = 0
 
 def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, list[Event]]:
     """Return the fullest solution of the files, whether it is that of the inertial sensor, and the events."""
-    for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False)):
+    for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False), (_bestxyz, False)):
         table, left_out = read(files)
         if table is not None:
             events = []
@@ -107,9 +113,25 @@ def _bestpos(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, int]:
     motion[here, :3] = np.column_stack(
         [chosen["speed"] * np.cos(track), chosen["speed"] * np.sin(track), -chosen["vu"]]
     )
-    quality = np.where((rows["status"] == _COMPUTED) & (rows["kind"] > 0), 1.0, np.nan)
+    quality = np.where(_is_computed(rows), 1.0, np.nan)
     sigma = np.column_stack([rows["sigma"].astype(np.float64), np.full((len(rows), 6), np.nan)])
     return _table(rows, t_ns, rows["height"] + rows["undulation"], quality, motion, sigma)
+
+
+def _bestxyz(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, int]:
+    """Return positions and velocities along the axes of the Earth."""
+    rows, t_ns = _read(files, _BESTXYZ, BESTXYZ)
+    position, velocity = rows["position"], rows["velocity"]
+    place, v_n = from_earth_axes(position["xyz"], velocity["xyz"])
+    motion = np.full((len(rows), 6), np.nan)
+    motion[:, :3] = np.where(_is_computed(velocity)[:, None], v_n, np.nan)
+    quality = np.where(_is_computed(position), 1.0, np.nan)
+    named = {"lat": place[:, 0], "lon": place[:, 1]}
+    return _table(named, t_ns, place[:, 2], quality, motion, None)
+
+
+def _is_computed(rows: Any) -> Bool:
+    return np.asarray((rows["status"] == _COMPUTED) & (rows["kind"] > 0))
 
 
 def _ins_quality(rows: Any) -> Float64:
@@ -134,7 +156,7 @@ def _table(
     usable = (t_ns >= 0) & np.isfinite(quality) & on_earth(place)
     kept = distinct_rows(t_ns, usable)
     if len(kept) < 2:
-        return None, len(rows)
+        return None, len(t_ns)
     motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[kept]
     if sigma is not None:
         sigma = stated_sigmas(sigma)[kept]
