@@ -99,12 +99,12 @@ def test_samples_and_fixes_become_a_flight_that_can_be_read(tmp_path: Path, vert
     done = convert(
         [written(tmp_path, HEADER + FIX + samples() + fixes("gps", vertical=vertical))], tmp_path / "out"
     )
-    assert [path.name for path in done.written] == ["imu.csv", "reference.csv", "flight.toml"]
+    assert [path.name for path in done.written] == ["imu.csv", "reference.csv", "fixes.csv", "flight.toml"]
     flight = Flight.load(tmp_path / "out" / "flight.toml")
     assert flight.config.gnss.files == () and flight.config.reference is None
     logs = flight.read()
     assert len(logs.imu.t_ns) == 300 and flight.config.sensor[0].kind == "position"
-    assert len(logs.sensors[0].t_ns) == 4
+    assert len(logs.sensors[0].t_ns) == 4 and "columns_not_read" not in {e.kind for e in logs.events}
     # height without a stated sigma takes that of the flight file
     given = flight.config.sensor[0].model_dump()["sigma_m"]
     assert (given is None) == bool(vertical)
