@@ -79,7 +79,9 @@ def closed_loops() -> list[np.ndarray]:
                 imu_gaps_s=((0.42, 0.46),),
             )
             for name in (
-                ("scalar", "two_stage", "optimal", "one_stage") if with_ins else ("scalar", "one_stage")
+                ("scalar", "two_stage", "optimal", "one_stage")
+                if with_ins
+                else ("scalar", "optimal", "one_stage")
             ) + (("one_stage_code",) if tracking == "coherent" else ()):
                 run = run_once(setting, VARIANTS[name], cn0, np.random.default_rng(4))
                 found += [run.error, run.rms]

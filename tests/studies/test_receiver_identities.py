@@ -179,10 +179,11 @@ def take_at_once(f: FilterRoom, channels, satellites, ranges, rates, level, nois
     close_loop(state, K @ z, OFFSETS)
 
 
-def covariances(tracking: str, interval: int, count: int) -> list[np.ndarray]:
-    """Return P of position, velocity and clock (8, 8) of one stage and of two with the interval's message, in order.
+def covariances(tracking: str, interval: int, count: int, accelerates: bool) -> list[np.ndarray]:
+    """Return P of position, velocity and clock of one stage and of two with the interval's message, in order.
 
-    Seven satellites whose directions stay; motion and clock have no noise, attitude and biases no error.
+    Seven satellites whose directions stay; motion and clock have no noise, attitude and biases no error. Where the
+    vehicle ``accelerates`` channels follow an acceleration too, and P has that of the vehicle: (11, 11), else (8, 8).
     """
     of = setting(tracking, True, DRIFT_DENSITY)
     sight = of.truth.directions(slice(0, 1))[0][:7]
@@ -190,18 +191,22 @@ def covariances(tracking: str, interval: int, count: int) -> list[np.ndarray]:
     satellites[:, :, :3] = USER + 1e9 * sight
     lines = [line_of_sight(satellites[0], c, USER, np.zeros(3), np.zeros(3), np.zeros(3)) for c in range(7)]
     ranges, rates = (np.tile([line[i] for line in lines], (count, 1)) for i in (0, 1))
-    grade, oscillator = without_ins(UnknownMotion(1e-12, 1e9)), oscillator_of(0.0, CARRIER_HZ)
+    steady = UnknownMotion(1e-12, 1e9)
+    grade, oscillator = without_ins(steady), oscillator_of(0.0, CARRIER_HZ)
     start, level = STARTS[tracking], np.full((count, 7), levels_of(43.0))
     aiding = vars(feeling_nothing(USER, count)).values()
     told = AidingInputs(satellites, *aiding, level, np.zeros((count, 2)))
     arriving, found = SignalArrivals(ranges, rates, level, np.zeros((count, 7))), []
     at, states = TrueStart(USER, np.zeros(3), np.eye(3), 0.0, 0.0, np.zeros(3)), [*COLUMNS]
+    states += [BA, BA + 1, BA + 2] if accelerates else []
     for name in ("one_stage", "optimal"):
         rng = np.random.default_rng(33)
         f = filter_room(grade, oscillator, start, at, rng, False)
-        f.P[BA : BA + 3], f.P[:, BA : BA + 3] = 0.0, 0.0
-        f.state[0].b_a[:] = 0.0
-        receiver = receiver_of(VARIANTS[name], of.channels.step_s, interval, 1.0, None, ANY, count, 0)
+        if not accelerates:
+            f.P[BA : BA + 3], f.P[:, BA : BA + 3] = 0.0, 0.0
+            f.state[0].b_a[:] = 0.0
+        unknown = steady if accelerates else None
+        receiver = receiver_of(VARIANTS[name], of.channels.step_s, interval, 1.0, unknown, ANY, count, 0)
         room = channel_room(receiver, ranges[0], rates[:2], start, rng, of.channels.step_s)
         noise = rng.standard_normal((count, 7, noise_count(of.channels)))
         run_receiver(
@@ -212,11 +217,14 @@ def covariances(tracking: str, interval: int, count: int) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])
-@pytest.mark.parametrize(("interval", "count"), [(2, 40), (10, 10), (10, 50)])
+@pytest.mark.parametrize(
+    ("interval", "count", "accelerates"),
+    [(2, 40, False), (10, 10, False), (10, 50, False), (4, 40, True), (10, 50, True)],
+)
 def test_receiver_with_messages_of_intervals_knows_as_much_as_one_stage(
-    tracking: str, interval: int, count: int
+    tracking: str, interval: int, count: int, accelerates: bool
 ) -> None:
-    one, two = covariances(tracking, interval, count)
+    one, two = covariances(tracking, interval, count, accelerates)
     scale = np.sqrt(np.outer(np.diag(one), np.diag(one)))
 
     # the Earth's turn and the gradient of gravity, which the message does not know, in 0.1 s: (7e-5 rad/s) x (0.1 s)

@@ -74,12 +74,12 @@ def test_message_along_a_path_that_noise_moves_is_that_of_an_information_filter(
     rng = np.random.default_rng(44)
     root, U = rng.standard_normal((2, 2, 2)), (0.3, 0.11, 0.07)
     L, b = root[0] @ root[0].T, rng.standard_normal(2)
-    s = np.array([L[0, 0], L[0, 1], L[1, 1], *b])
+    s = np.column_stack([L, b])
     widen_message(s, U)
     expected = np.linalg.inv(np.linalg.inv(L) + np.reshape([U[0], U[1], U[1], U[2]], (2, 2)))
 
-    assert s[:3] == pytest.approx([expected[0, 0], expected[0, 1], expected[1, 1]])
-    assert s[3:] == pytest.approx(expected @ np.linalg.solve(L, b))
+    assert s[:, :2] == pytest.approx(expected)
+    assert s[:, 2] == pytest.approx(expected @ np.linalg.solve(L, b))
 
 
 def test_saturated_accelerometers_are_lost_where_nothing_tells_of_it(monkeypatch: pytest.MonkeyPatch) -> None:

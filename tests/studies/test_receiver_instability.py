@@ -79,6 +79,28 @@ def test_each_cure_stops_the_growth_that_the_simplified_second_stage_has(
         assert 0.3 < late < early < 2.0
 
 
+# The same program: 7.6 m/s and 257', all lost; loops for a hundred times the drift density 0.136 and then 0.132 m/s.
+# Its sensor's noise is not stated: here it is three times that of the sensor above.
+def test_poor_inertial_sensor_is_lost_sooner_and_wider_loops_or_the_intervals_message_hold_it() -> None:
+    noisy = {"gyro_arw_deg_per_sqrt_h": 1.0, "accel_vrw_mps_per_sqrt_h": 0.3}
+    poor = LOW.model_copy(
+        update={"gyro_bias_instability_deg_per_h": 300.0, "accel_bias_instability_mg": 0.2 / 9.80665e-3}
+        | noisy
+    )
+    of, simple = replace(long_setting(), grade=poor), VARIANTS["two_stage"]
+    sick, wide, optimal = (
+        flown(of, variant, 40.0, 3, 71)
+        for variant in (simple, replace(simple, widening=100.0), VARIANTS["optimal"])
+    )
+
+    assert all(run.lost_s.min() < 300.0 for run in sick)
+    assert between(of, sick, *EARLY) > 7.6
+    assert not any(run.lost for run in (*wide, *optimal))
+    assert between(of, wide, *EARLY) == pytest.approx(0.136, rel=0.15)
+    assert between(of, wide, *LATE) == pytest.approx(0.132, rel=0.15)
+    assert between(of, optimal, *LATE) < between(of, wide, *LATE)
+
+
 @pytest.mark.parametrize("drift_density", [1.0, 100.0])
 def test_innovations_are_white_unless_the_filter_counts_the_same_information_twice(
     drift_density: float,

@@ -230,35 +230,43 @@ def test_simplified_second_stage_with_a_good_oscillator_runs_away_and_each_cure_
         assert cure < simple / 2.0
 
 
-def test_message_of_an_interval_is_what_one_stage_would_have_taken_from_it() -> None:
+# range and rate along an inertial path; with the acceleration along one whose acceleration is an estimate that fades
+@pytest.mark.parametrize("offsets", [2, 3])
+def test_message_of_an_interval_is_what_one_stage_would_have_taken_from_it(offsets: int) -> None:
     rng = np.random.default_rng(20)
-    T, count, variances = 0.01, 12, (4.0, 0.09)
-    A = np.array([[1.0, T], [0.0, 1.0]])
-    x, P = np.array([3.0, -0.4]), np.diag([9.0, 0.5])  # offsets from the path, and what is known of them
-    truth = x + np.linalg.cholesky(P) @ rng.standard_normal(2)
+    T, count, variances, of = 0.01, 12, (4.0, 0.09), slice(offsets)
+    A = np.array([[1.0, T, 0.5 * T**2], [0.0, 1.0, T], [0.0, 0.0, math.exp(-0.3 * T)]])[of, of]
+    H, back = np.eye(2, offsets), np.linalg.inv(A)
+    x, P = (
+        np.array([3.0, -0.4, 2.0])[of],
+        np.diag([9.0, 0.5, 30.0])[of, of],
+    )  # offsets from the path, as they are known
+    truth = x + np.linalg.cholesky(P) @ rng.standard_normal(offsets)
     replicas = 0.5 * rng.standard_normal((count, 2))  # wherever the channel has steered them
-    one_x, one_P, two_x, two_P, sums = x.copy(), P.copy(), x.copy(), P.copy(), np.zeros(5)
+    sums, message, C = np.zeros((offsets, offsets + 1)), np.zeros(offsets), np.zeros((offsets, offsets))
+    one_x, one_P, two_x, two_P = x.copy(), P.copy(), x.copy(), P.copy()
     for k in range(count):
         truth, one_x, one_P = A @ truth, A @ one_x, A @ one_P @ A.T
         two_x, two_P = A @ two_x, A @ two_P @ A.T
-        carry_message(sums, T)
-        z = truth + np.sqrt(variances) * rng.standard_normal(2)
+        carry_message(sums, back)
+        z = truth[:2] + np.sqrt(variances) * rng.standard_normal(2)
         add_observation(sums, replicas[k], np.zeros(2), np.array([*(z - replicas[k]), 0.0]), variances)
-        K = one_P @ np.linalg.inv(one_P + np.diag(variances))
-        one_x, one_P = one_x + K @ (z - one_x), (np.eye(2) - K) @ one_P
-    message, (a, b, d) = solve_message(sums)
-    K = two_P @ np.linalg.inv(two_P + np.array([[a, b], [b, d]]))
-    two_x, two_P = two_x + K @ (np.array(message) - two_x), (np.eye(2) - K) @ two_P
+        K = one_P @ H.T @ np.linalg.inv(H @ one_P @ H.T + np.diag(variances))
+        one_x, one_P = one_x + K @ (z - H @ one_x), (np.eye(offsets) - K @ H) @ one_P
+    assert solve_message(sums, message, C)
+    K = two_P @ np.linalg.inv(two_P + C)
+    two_x, two_P = two_x + K @ (message - two_x), (np.eye(offsets) - K) @ two_P
 
     assert two_x == pytest.approx(one_x, rel=1e-9)
     assert two_P == pytest.approx(one_P, rel=1e-9)
 
 
-def test_interval_that_does_not_tell_both_says_nothing() -> None:
-    sums = np.zeros(5)
+@pytest.mark.parametrize("offsets", [2, 3])
+def test_interval_that_does_not_observe_all_offsets_says_nothing(offsets: int) -> None:
+    sums, message, C = np.zeros((offsets, offsets + 1)), np.zeros(offsets), np.zeros((offsets, offsets))
     add_observation(sums, np.zeros(2), np.zeros(2), np.array([1.0, 0.0, 0.0]), (1.0, 0.0))
 
-    assert solve_message(sums) == ((0.0, 0.0), (0.0, 0.0, 0.0))
+    assert not solve_message(sums, message, C)
 
 
 def test_result_does_not_depend_on_threads() -> None:
@@ -342,6 +350,9 @@ def test_study_tells_errors_thresholds_and_saves(tmp_path: Path) -> None:
     assert two["linear_phase_rad"] == pytest.approx(two["phase_rad"], rel=0.05)
     assert two["linear_channels_mps"] == pytest.approx(two["channels_mps"], rel=0.05)
     assert math.isnan(two["linear_velocity_mps"]) and math.isnan(one["linear_channels_mps"])
+    seen = study.channels[(study.channels["cn0_dbhz"] == 45.0)]
+    assert seen["range_predicted_m"].to_numpy() == pytest.approx(seen["range_m"].to_numpy(), rel=0.1)
+    assert seen["rate_predicted_mps"].to_numpy() == pytest.approx(seen["rate_mps"].to_numpy(), rel=0.1)
     saved = study.save(tmp_path / "out")
     assert {path.suffix for path in saved.iterdir()} == {".csv", ".json", ".png"}
     assert "ReceiverStudy" in repr(study)
@@ -354,7 +365,12 @@ def test_study_tells_errors_thresholds_and_saves(tmp_path: Path) -> None:
         ({"cn0": ()}, "C/N0 of nothing", "cn0"),
         ({"variants": ("one",)}, "unknown receiver", "variants"),
         ({"variants": ()}, "no receiver", "variants"),
-        ({"imu": None, "variants": ("optimal",)}, "none is given", "variants"),
+        ({"imu": None, "variants": ("aided",)}, "none is given", "variants"),
+        (
+            {"imu": None, "variants": ("optimal",), "options": small(interval_s=0.01)},
+            "two integrations",
+            "interval_s",
+        ),
         ({"tracking": "phase"}, "unknown kind of tracking", "tracking"),
         ({"runs": 0}, "whole number", "runs"),
         ({"oscillator": {"drift": 1.0}}, "an oscillator of drift", "oscillator"),

@@ -2,9 +2,11 @@
 
     z_r = r + clock,         h_r = [-u in position, 1 in the clock]
     z_v = r' + drift,        h_v = [g in position, -u in velocity, 1 in the drift]
+    z_a = r'' + drift',      h_a = [u in the accelerometers' biases], of a receiver without INS alone
 
 truth minus prediction, at an antenna where the IMU is; u towards the satellite, g the derivative of the range rate by
-the position. A carrier phase divided by k is such a range: all phases begin from one position, so that with the
+the position. Without INS the bias of an inertial system that feels nothing is minus the vehicle's acceleration.
+A carrier phase divided by k is such a range: all phases begin from one position, so that with the
 position X^P that they belong to (pseudo-coordinates), phi_i = k (-u_i . X^P + b)            [Shatilov 2007, chapter 2].
 Where that position is off by delta, X^P - X = delta holds at the beginning alone: what the phases' ranges are off by
 stays -u_i(0) . delta, and once the satellites have moved no position explains it. X^P - X then changes by
@@ -27,7 +29,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.filter.state import CLOCK, DR, DRIFT, DV
+from insgnss.filter.state import BA, CLOCK, DR, DRIFT, DV
 from insgnss.geodesy.vectors import place_negative
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -35,6 +37,7 @@ from insgnss.tables import Float64
 COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)
 RANGE_COLUMNS: Final = 4  # the first of them: a range has no other
 PHASE_COLUMNS: Final = RANGE_COLUMNS + 1  # and those of a phase with a state of its own behind them
+ACCELERATION_COLUMNS: Final = (*COLUMNS, BA, BA + 1, BA + 2)
 _POSITION, _CLOCK, _VELOCITY, _DRIFT = (COLUMNS.index(state) for state in (DR, CLOCK, DV, DRIFT))
 
 
@@ -53,3 +56,17 @@ def offset_rate_row(u: Float64, g: Float64, of_range: float, h: Float64) -> None
     h[_CLOCK] = -of_range
     place_negative(h, _VELOCITY, u)
     h[_DRIFT] = 1.0
+
+
+@kernel(inline=True)
+def offset_acceleration_row(u: Float64, g: Float64, of_range: float, of_rate: float, h: Float64) -> None:
+    """Write the row of an acceleration less ``of_range`` [1/s^2] times the range and ``of_rate`` [1/s] times its rate.
+
+    ``h`` is (>= 11,), in the order of ``ACCELERATION_COLUMNS``.
+    """
+    for i in range(3):
+        h[_POSITION + i] = of_range * u[i] - of_rate * g[i]
+        h[_VELOCITY + i] = of_rate * u[i]
+        h[len(COLUMNS) + i] = u[i]
+    h[_CLOCK] = -of_range
+    h[_DRIFT] = -of_rate

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from insgnss.filter.rows.replica_offset import (
+    ACCELERATION_COLUMNS,
     COLUMNS,
     PHASE_COLUMNS,
     RANGE_COLUMNS,
+    offset_acceleration_row,
     offset_range_row,
     offset_rate_row,
 )
@@ -73,6 +75,32 @@ def use_rate_beside(
         if columns.shape[0] > len(COLUMNS):
             h[len(COLUMNS)] = -of_range
         scalar_update(P, h, columns, z[1] - of_range * z[0], variance, v)
+
+
+@kernel(inline=True)
+def use_acceleration_beside(
+    P: Float64, columns: Int64, u: Float64, g: Float64, z: Float64, C: Float64, h: Float64, v: Float64
+) -> None:
+    """Update with the acceleration less what range and rate, which have been used, say of it.
+
+    Equation: k = [C20, C21] [[C00, C01], [C01, C11]]^-1, z_a - k [z_r, z_v], variance C22 - k [C20, C21]
+
+    Parameters
+    ----------
+    P, u, g, v : as in ``use_offsets``
+    columns : (11,) ``ACCELERATION_COLUMNS``, or (12,) with that of the phase's own state
+    z : (3,) observed minus predicted range, its rate, and the rate's rate [m], [m/s], [m/s^2]
+    C : (3, 3) their covariance
+    h : (>= 12,) scratch
+    """
+    determinant = C[0, 0] * C[1, 1] - C[0, 1] * C[0, 1]
+    of_range = (C[0, 2] * C[1, 1] - C[1, 2] * C[0, 1]) / determinant
+    of_rate = (C[1, 2] * C[0, 0] - C[0, 2] * C[0, 1]) / determinant
+    variance = C[2, 2] - of_range * C[0, 2] - of_rate * C[1, 2]
+    if variance > 0.0:
+        offset_acceleration_row(u, g, of_range, of_rate, h)
+        h[len(ACCELERATION_COLUMNS)] = -of_range
+        scalar_update(P, h, columns, z[2] - of_range * z[0] - of_rate * z[1], variance, v)
 
 
 @kernel(inline=True)
@@ -165,3 +193,32 @@ def offset_covariance(
         both,
         predicted_variance(P, of_rate, columns),
     )
+
+
+@kernel(inline=True)
+def acceleration_covariance(
+    P: Float64, columns: Int64, u: Float64, g: Float64, h: Float64, v: Float64
+) -> tuple[float, float, float]:
+    """Return how well a channel's acceleration is predicted: h P h^T with the range, with its rate, with itself.
+
+    Parameters
+    ----------
+    P, u, g, v : as in ``offset_covariance``
+    columns : (11,) ``ACCELERATION_COLUMNS``, or (12,) with that of the phase's own state
+    h : (3, 12) scratch
+    """
+    own = len(ACCELERATION_COLUMNS)
+    offset_range_row(u, h[0])
+    offset_rate_row(u, g, 0.0, h[1])
+    of_acceleration = columns[len(COLUMNS) : own]
+    covariance_with(P, u, of_acceleration, v[1])
+    with_range, with_rate, itself = 0.0, 0.0, 0.0
+    for i in range(RANGE_COLUMNS):
+        with_range += h[0, i] * v[1, columns[i]]
+    for i in range(len(COLUMNS)):
+        with_rate += h[1, i] * v[1, columns[i]]
+    for i in range(of_acceleration.shape[0]):
+        itself += u[i] * v[1, of_acceleration[i]]
+    if columns.shape[0] > own:
+        with_range += v[1, columns[own]]
+    return with_range, with_rate, itself

@@ -19,7 +19,7 @@ from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, Receive
 from insgnss.studies.receiver.phase_return import SURE_SIGMAS
 from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import VARIANTS, Variant, variant_of
-from insgnss.studies.receiver.workspace import TWO_STAGE
+from insgnss.studies.receiver.workspace import INTERVAL_MESSAGE, TWO_STAGE
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import (
     require_known,
@@ -228,7 +228,7 @@ def checked_call(
         raise ConfigError(
             f"'{aided[0]}' needs an inertial system for aiding, and none is given",
             key="variants",
-            advice='without INS there are "scalar" and "one_stage"',
+            advice='without INS there are "scalar", "optimal" and "one_stage"',
         )
     return levels
 
@@ -309,7 +309,7 @@ def unused_options(
     require_positive(step_s=o.step_s)
     # an interval must be a whole number of integrations, used or not
     is_usual_whole = _is_whole(usual.interval_s, o.step_s)
-    needs_interval = any(variant.needs_ins for variant in receivers) or not is_usual_whole
+    needs_interval = any(variant.has_second_stage for variant in receivers) or not is_usual_whole
     needed = {
         **dict.fromkeys(("latency_s", "imu_gaps_s", "imu_rate_hz"), no_ins),
         "interval_s": (needs_interval, "no receiver has a second stage", 'add "optimal" to the receivers'),
@@ -338,7 +338,8 @@ def require_answers(setting: Setting, wanted: Mapping[str, Variant], cn0: Mappin
 
     Raises
     ------
-    ConfigError : least squares without a geometry, channels that follow nothing, or a C/N0 that no channel reaches
+    ConfigError : least squares without a geometry, channels that follow nothing, intervals that do not show an
+        acceleration, or a C/N0 that no channel reaches
     """
     for name, variant in wanted.items():
         if variant.kind == TWO_STAGE and not variant.widening * setting.drift_density > 0.0:
@@ -346,6 +347,12 @@ def require_answers(setting: Setting, wanted: Mapping[str, Variant], cn0: Mappin
                 f"the channels of '{name}' follow the oscillator's drift alone, and it has none",
                 key="oscillator",
                 advice='give {"drift_density": 0.02} or more, or take "one_stage"',
+            )
+        if variant.kind == INTERVAL_MESSAGE and setting.inertial is None and setting.interval < 3:
+            raise ConfigError(
+                f"two integrations do not show range, rate and acceleration, which '{name}' needs without INS",
+                key="interval_s",
+                advice=f"give {3.0 * setting.truth.step_s:g} s or more, or an inertial system",
             )
         if not variant.has_filter and np.isnan(setting.solution).all():
             count = setting.truth.ranges.shape[1]

@@ -4,7 +4,7 @@
 |-------|------------------|---------|
 | summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high innovation_correlation cn0_estimated_dbhz unsettled linear_phase_rad linear_velocity_mps linear_attitude_deg linear_channels_mps |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
-| channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
+| channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps range_predicted_m rate_predicted_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
 | events | loss of the last channel, and its end | variant cn0_dbhz run time_s kind |
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
@@ -17,7 +17,8 @@ the lowest C/N0 (``receiver.settling``), at most two minutes after the fall. ``u
 have not settled within the first tenth of the average: it is below the steady value. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
-those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
+those of the replicas, ``range_predicted_m`` and ``rate_predicted_mps`` of the same by the covariance of the channel's
+own filter (of one stage by h P h^T of its filter), ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
 error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
 filter is consistent, even if every run counted as one look.
 ``innovation_correlation`` is that of the ranges of successive updates, less the predicted ones: 0 of a filter whose

@@ -14,7 +14,7 @@
 Thresholds of steady models neglect the length T of an integration, errors do not (``interference.sampled_theory``).
 Neglects: of the IMU scale factors, misalignments and a random walk of its biases. It does not know loops that are wider
 than the optimal ones or made for another C/N0, a filter behind channels, and the replicas of ``optimal``, which the
-second stage sets anew.
+second stage sets anew; nothing of ``optimal`` without INS.
 """
 
 from __future__ import annotations
@@ -140,6 +140,8 @@ def _models(
     unknown = UnknownAcceleration(setting.unknown.sigma_mps2, setting.unknown.time_s)
     density, carrier = setting.drift_density, setting.carrier_hz
     try:
+        if variant.kind == INTERVAL_MESSAGE and setting.inertial is None:
+            return None, None
         if variant.kind != ONE_STAGE:
             return channel_model(unknown if variant.kind == SCALAR else _INS_ERROR, density, carrier), None
         if setting.inertial is None or setting.grade is None:

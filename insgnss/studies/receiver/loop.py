@@ -27,17 +27,20 @@ from insgnss.filter.rows.replica_offset import RANGE_COLUMNS, offset_range_row
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.replica_offsets import (
-    begin_phase,
     offset_covariance,
     use_offsets,
     use_phase_and_code,
-    use_rate_beside,
 )
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.kernels.jit import kernel
-from insgnss.studies.receiver.interval_message import carry_message, solve_message, widen_message
+from insgnss.studies.receiver.own_channels import (
+    correct_channel,
+    lead_channels,
+    restart_channel,
+    take_channels,
+)
 from insgnss.studies.receiver.phase_return import (
     PULL_IN,
     add_to_message,
@@ -106,6 +109,8 @@ def run_receiver(
             predict_offsets(m, told.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
             lead_channels(receiver, channels.step_s, with_filter, told.unknown[k, 1], room)
+        if step >= receiver.settle:
+            count_predicted(receiver, arriving.level[k], told.level[k], f, room, found)
         for i in range(f.v.shape[1]):
             f.v[0, i] = 0.0
         for c in range(noise.shape[1]):
@@ -241,102 +246,6 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 
 @kernel(inline=True)
-def lead_channels(
-    receiver: ReceiverDesign, dt: float, with_filter: bool, unknown: float, room: ChannelRoom
-) -> None:
-    """Carry the channels on, by their own rates and by how the filter's predictions have changed.
-
-    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W + U,
-              U = q [T^3/3, T^2/2; T^2/2, T], q = ``unknown`` the density of an acceleration that no sample shows
-    """
-    n = receiver.F.shape[0]
-    u = (unknown * dt**3 / 3.0, unknown * dt**2 / 2.0, unknown * dt) if with_filter else (0.0, 0.0, 0.0)
-    for c in range(room.x.shape[0]):
-        x, P, F_P = room.x[c], room.P[c], room.F_P
-        for i in range(n):
-            moved = 0.0
-            for j in range(i, n):
-                moved += receiver.F[i, j] * x[j]
-            x[i] = moved
-        if with_filter:
-            x[0] += room.predicted[c, 0] - room.base[c, 0] - dt * room.base[c, 1]
-            x[1] += room.predicted[c, 1] - room.base[c, 1]
-            carry_message(room.message[c], dt)
-            if unknown > 0.0:
-                widen_message(room.message[c], u)
-        for i in range(n):
-            for j in range(n):
-                total = 0.0
-                for b in range(i, n):
-                    total += receiver.F[i, b] * P[b, j]
-                F_P[i, j] = total
-        for i in range(n):
-            for j in range(i + 1):
-                total = receiver.walk[i, j]
-                for b in range(j, n):
-                    total += F_P[i, b] * receiver.F[j, b]
-                P[i, j] = total
-                P[j, i] = total
-        P[0, 0] += u[0]
-        P[0, 1] += u[1]
-        P[1, 0] += u[1]
-        P[1, 1] += u[2]
-
-
-@kernel(inline=True)
-def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -> None:
-    """Correct a channel by its own observations."""
-    n = room.x.shape[1]
-    for i in range(n):
-        room.v[0, i] = 0.0
-    room.h[0] = 1.0
-    scalar_update(room.P[c], room.h, room.columns[:1], room.seen[SEEN_RANGE], variances[0], room.v)
-    if variances[1] > 0.0:
-        scalar_update(room.P[c], room.h, room.columns[1:2], room.seen[SEEN_RATE], variances[1], room.v)
-    for i in range(n):
-        room.x[c, i] += room.v[0, i]
-
-
-@kernel(apart=True)
-def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
-    """Update the filter with its channels' measurements; the intervals' sums restart."""
-    for c in range(room.x.shape[0]):
-        if receiver.kind == INTERVAL_MESSAGE:
-            z, C = solve_message(room.message[c])
-            for i in range(room.message.shape[1]):
-                room.message[c, i] = 0.0
-        else:
-            expected = room.predicted[c, 0] + (f.state[0].optional[c] if has_phase_states(f) else 0.0)
-            z = (room.x[c, 0] - expected, room.x[c, 1] - room.predicted[c, 1])
-            P = room.P[c]
-            C = (receiver.inflation * P[0, 0], receiver.inflation * P[0, 1], receiver.inflation * P[1, 1])
-        if level[c] != NO_SIGNAL and C[0] > 0.0:
-            own_column(f, c)
-            room.innovation[c] = math.nan if room.fresh[c] == 1 else z[0]
-            if room.fresh[c] == 1:
-                begin_phase(f.P, f.columns, room.u[c], z[0], C[0], f.h[0], f.v)
-                use_rate_beside(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
-                room.fresh[c] = 0
-            else:
-                use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
-        else:
-            room.innovation[c] = math.nan
-
-
-@kernel(apart=True)
-def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
-    """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
-    x, P = room.x[c], room.P[c]
-    x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
-    if has_phase_states(f):
-        x[0] += f.state[0].optional[c]
-    room.fresh[c] = 0
-    own_column(f, c)
-    D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
-    P[0, 0], P[0, 1], P[1, 0], P[1, 1] = D[0], D[1], D[1], D[2]
-
-
-@kernel(inline=True)
 def count_offset(
     receiver: ReceiverDesign, offset: Float64, c: int, step: int, found: ReceiverHistory
 ) -> None:
@@ -355,6 +264,30 @@ def count_offset(
         found.counted[c] += 1
         found.squares[c, 0] += offset[0] * offset[0]
         found.squares[c, 1] += offset[1] * offset[1]
+
+
+@kernel(apart=True)
+def count_predicted(
+    receiver: ReceiverDesign,
+    arriving: Int64,
+    told: Int64,
+    f: FilterRoom,
+    room: ChannelRoom,
+    found: ReceiverHistory,
+) -> None:
+    """Count the variances that the receiver predicts for its replicas' offsets; ``arriving``, ``told`` (m,) levels."""
+    if receiver.kind == ONE_STAGE and room.done[0] % receiver.record_every != 0:
+        return  # the filter's covariance is that of any other integration
+    for c in range(room.x.shape[0]):
+        if arriving[c] == NO_SIGNAL or told[c] == NO_SIGNAL or found.lost_at[c] != HELD:
+            continue
+        own_column(f, c)
+        D = (room.P[c, 0, 0], 0.0, room.P[c, 1, 1])
+        if receiver.kind == ONE_STAGE:
+            D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+        found.predicted[c, 0] += D[0]
+        found.predicted[c, 1] += D[2]
+        found.predicted[c, 2] += 1.0
 
 
 @kernel(apart=True)

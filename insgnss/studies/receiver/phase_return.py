@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.filter.rows.replica_offset import COLUMNS
+from insgnss.filter.rows.replica_offset import ACCELERATION_COLUMNS, COLUMNS
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.replica_offsets import begin_phase, phase_variance
 from insgnss.kernels.jit import kernel
@@ -49,6 +49,7 @@ def own_column(f: FilterRoom, c: int) -> None:
     """Let the last column of a channel's rows be the state of its own phase."""
     if f.columns.shape[0] > len(COLUMNS):
         f.columns[len(COLUMNS)] = OFFSETS + c
+        f.acceleration_columns[len(ACCELERATION_COLUMNS)] = OFFSETS + c
 
 
 @kernel(inline=True)
@@ -107,11 +108,18 @@ def pull_in(
     P[0, 0] = variance
     room.fresh[c] = 1
     if receiver.kind == INTERVAL_MESSAGE:
-        for i in range(room.message.shape[1]):
-            room.message[c, i] = 0.0
+        clear_message(room, c)
         room.seen[SEEN_RANGE] = 0.0
         add_to_message(f, room, c, (variance, 0.0))
     return True
+
+
+@kernel(inline=True)
+def clear_message(room: ChannelRoom, c: int) -> None:
+    """Let the sums of a channel's interval begin again."""
+    for i in range(room.message.shape[1]):
+        for j in range(room.message.shape[2]):
+            room.message[c, i, j] = 0.0
 
 
 @kernel(inline=True)

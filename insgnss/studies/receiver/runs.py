@@ -33,6 +33,7 @@ from insgnss.studies.receiver.workspace import (
     HELD,
     NO_SIGNAL,
     RECORDED,
+    SCALAR,
     AidingInputs,
     ChannelRoom,
     FilterRoom,
@@ -115,6 +116,7 @@ class ReceiverRun:
 
     lost_s: Float64  # (m,) when each channel was lost, from the beginning; inf: held
     rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]
+    predicted: Float64  # (m, 2) the same by the covariance of the channel, or of one stage's filter
     error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
     sd: Float64  # (k, 11) sigmas of the filter
     nees: Float64  # (k,) of these errors, by the number of those that have a sigma
@@ -286,13 +288,17 @@ def channel_room(
     rates : (2, m) at the first two
     """
     m, p = len(ranges), len(receiver.F)
+    # behind a filter the acceleration is that of the channel less the filter's
+    acceleration = (rates[1] - rates[0]) / step_s if receiver.kind == SCALAR else np.zeros(m)
     sigma = np.array([start.position_m, start.velocity_mps, start.acceleration_mps2])[:p]
-    x = np.column_stack([ranges, rates[0], (rates[1] - rates[0]) / step_s])[:, :p]
+    x = np.column_stack([ranges, rates[0], acceleration])[:, :p]
     return ChannelRoom(
         x=np.ascontiguousarray(x + sigma * rng.standard_normal((m, p))),
         P=np.tile(np.diag(sigma**2), (m, 1, 1)),
         base=np.zeros((m, 2)),
-        message=np.zeros((m, 5)),
+        message=np.zeros((m, p, p + 1)),
+        z=np.zeros(p),
+        C=np.zeros((p, p)),
         u=np.zeros((m, 3)),
         g=np.zeros((m, 3)),
         predicted=np.zeros((m, 2)),
@@ -321,6 +327,7 @@ def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> Recei
         offsets=np.zeros((records, m, 2)),
         squares=np.zeros((m, 2)),
         counted=np.zeros(m, np.int64),
+        predicted=np.zeros((m, 3)),
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
         power=np.zeros((block, m)),
@@ -352,6 +359,7 @@ def _run_of(
     """Return the statistics of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(found.squares / found.counted[:, None])
+        predicted = np.sqrt(found.predicted[:, :2] / found.predicted[:, 2:])
     solved = _least_squares(setting, found)
     if variant.has_filter:
         estimated = ~np.isnan(error[0])
@@ -365,7 +373,7 @@ def _run_of(
     apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
     offset = found.offsets[:, int(np.argmin(lost))].copy()
     return ReceiverRun(
-        lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart, found.innovation
+        lost, rms, predicted, error, sd, nees, cn0_dbhz, searches, solved, offset, apart, found.innovation
     )
 
 

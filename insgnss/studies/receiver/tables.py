@@ -99,6 +99,9 @@ def channel_rows(scene: StudyScene, name: str, level: float, runs: list[Receiver
         if held
         else np.full((scene.channels, 2), np.nan)
     )
+    predicted = (
+        np.sqrt(np.mean([run.predicted**2 for run in held], axis=0)) if held else np.full_like(rms, np.nan)
+    )
     lost = np.mean([np.isfinite(run.lost_s) for run in runs], axis=0)
     return pd.DataFrame(
         {
@@ -110,6 +113,8 @@ def channel_rows(scene: StudyScene, name: str, level: float, runs: list[Receiver
             "lost": lost,
             "range_m": rms[:, 0],
             "rate_mps": rms[:, 1],
+            "range_predicted_m": predicted[:, 0],
+            "rate_predicted_mps": predicted[:, 1],
         }
     )
 

@@ -5,7 +5,7 @@
 | scalar | own loops over range, rate and a Gauss-Markov acceleration | none: least squares | nothing |
 | aided | own loops over range and rate | running estimates, taken for less than they say | radial acceleration |
 | two_stage | the same | running estimates as if they were white noise | radial acceleration |
-| optimal | the same | what the observations of the interval alone say | radial acceleration, range and rate |
+| optimal | the same; without INS as scalar | the interval's observations alone | range, rate, acceleration |
 | one_stage | none: discriminators are rows of the filter | every observation | the replicas themselves |
 | one_stage_code | the same, code and phase | every observation | the replicas themselves |
 
@@ -27,6 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 from scipy.spatial.transform import Rotation
 
 from insgnss.config.filter import FilterConfig
@@ -36,7 +37,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.layout import Layout, RandomWalk, StateBlock
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.prediction import new_scratch
-from insgnss.filter.rows.replica_offset import COLUMNS, RANGE_COLUMNS
+from insgnss.filter.rows.replica_offset import ACCELERATION_COLUMNS, COLUMNS, RANGE_COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import EARTH_RATE_E, matrix_to_quaternion
@@ -110,9 +111,14 @@ class Variant:
         return self.kind != SCALAR
 
     @property
-    def needs_ins(self) -> bool:
-        """Return whether an inertial system aids the channels."""
+    def has_second_stage(self) -> bool:
+        """Return whether the filter takes what channels with filters of their own give it."""
         return self.kind in (TWO_STAGE, INTERVAL_MESSAGE)
+
+    @property
+    def needs_ins(self) -> bool:
+        """Return whether the channels cannot do without an inertial system."""
+        return self.kind == TWO_STAGE
 
 
 AIDED_INFLATION: Final = 10.0
@@ -291,9 +297,10 @@ def filter_room(
         parameters_of(grade, oscillator, layout),
         new_scratch(n),
         np.zeros((4, n)),
-        np.zeros((2, len(COLUMNS) + 1)),
+        np.zeros((3, len(ACCELERATION_COLUMNS) + 1)),
         np.array((*COLUMNS, OFFSETS) if extra else COLUMNS, np.int64),
         np.array((*COLUMNS[:RANGE_COLUMNS], OFFSETS), np.int64),
+        np.array((*ACCELERATION_COLUMNS, OFFSETS) if extra else ACCELERATION_COLUMNS, np.int64),
     )
 
 
@@ -359,6 +366,7 @@ def receiver_of(
         variant.inflation,
         np.ascontiguousarray(F),
         np.ascontiguousarray(walk),
+        np.ascontiguousarray(linalg.inv(F)),
         record_every,
         settle,
         limits,

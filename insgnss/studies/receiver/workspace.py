@@ -27,6 +27,7 @@ class ReceiverDesign(NamedTuple):
     inflation: float  # of the variances of the channels' running estimates, as rows
     F: Float64  # (p, p) transition of a channel's range, rate (and acceleration) over an integration
     walk: Float64  # (p, p) what is added to their covariance
+    back: Float64  # (p, p) F^-1
     record_every: int  # integrations
     settle: int  # integrations whose offsets do not count
     # beyond which a channel is lost: range [m], rate [m/s], and for how long
@@ -63,9 +64,11 @@ class FilterRoom(NamedTuple):
     par: npt.NDArray[Any]  # (1,) of PARAMETERS_DTYPE
     scratch: Scratch
     v: Float64  # (4, n)
-    h: Float64  # (2, 9)
+    h: Float64  # (3, 12)
     columns: Int64  # (8,), or (9,) where phases have states of their own: the last one is a channel's
     phase_columns: Int64  # (5,) scratch
+    # (11,) or (12,): those, and the accelerometers' biases in front of a phase's own state
+    acceleration_columns: Int64
 
 
 class ChannelRoom(NamedTuple):
@@ -74,7 +77,9 @@ class ChannelRoom(NamedTuple):
     x: Float64  # (m, p) range [m], rate [m/s], acceleration [m/s^2]
     P: Float64  # (m, p, p)
     base: Float64  # (m, 2) the filter's predictions from which the next change is counted
-    message: Float64  # (m, 5) of the interval
+    message: Float64  # (m, p, p + 1) of the interval
+    z: Float64  # (p,) what a channel gives to the filter ...
+    C: Float64  # (p, p) ... and its covariance
     u: Float64  # (m, 3)
     g: Float64  # (m, 3) derivative of the range rate by the position
     predicted: Float64  # (m, 2)
@@ -101,6 +106,8 @@ class ReceiverHistory(NamedTuple):
     offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
     squares: Float64  # (m, 2) sums over the integrations that count
     counted: Int64  # (m,)
+    # (m, 3) sums over the records that count: variances of range and rate that the receiver predicts, and their number
+    predicted: Float64
     lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
     losing: Int64  # (m,) integrations in a row beyond the limits
     power: Float64  # (block, m) of the prompt replicas

@@ -1,0 +1,79 @@
+"""Replicas are as far off as a receiver's covariance says, and a second stage without INS takes the acceleration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from insgnss.studies.receiver.tables import innovation_correlation
+from insgnss.studies.receiver.variants import VARIANTS
+from tests.studies.test_receiver_study import (
+    VELOCITY,
+    flown,
+    nees_within_bounds,
+    setting,
+    settled,
+)
+
+RUNS = 6
+RANGE, RATE = 0, 1
+
+
+# Messages of intervals leave out the oscillator's noise within them: where the signal is strong this is 8 % of the rate
+# (35 dBHz) to 18 % (45 dBHz)
+@pytest.mark.parametrize(
+    ("name", "with_ins", "cn0_dbhz"),
+    [
+        *(("one_stage", True, cn0) for cn0 in (45.0, 35.0, 25.0)),
+        *(("optimal", True, cn0) for cn0 in (25.0, 22.0)),
+        *(("scalar", False, cn0) for cn0 in (45.0, 35.0)),
+        ("one_stage", False, 30.0),
+    ],
+)
+def test_delay_and_frequency_of_each_channel_are_as_far_off_as_its_covariance_says(
+    name: str, with_ins: bool, cn0_dbhz: float
+) -> None:
+    of = setting("noncoherent", with_ins, 100.0)
+    runs = flown(of, VARIANTS[name], cn0_dbhz, RUNS, 51)
+    squares = np.array([(run.rms / run.predicted) ** 2 for run in runs])  # (runs, channels, 2)
+    of_channels = np.sqrt(squares.mean(axis=0))
+    # position and clock make all delays, and last for half a minute: each run of 60 s is two looks at four of them
+    low, high = stats.chi2.interval(0.999, 2 * 4 * RUNS) / np.array(2 * 4 * RUNS)
+
+    assert of_channels[:, RATE] == pytest.approx(1.0, abs=0.1)
+    assert low < squares[:, :, RANGE].mean() < high
+
+
+def test_a_covariance_that_counts_the_same_information_twice_promises_too_much() -> None:
+    of = setting("noncoherent", True, 100.0)
+    runs = flown(of, VARIANTS["two_stage"], 22.0, 4, 51)
+    squares = np.mean([(run.rms / run.predicted) ** 2 for run in runs], axis=(0, 1))
+
+    assert not any(run.lost for run in runs)
+    assert squares[RATE] > 2.0
+
+
+@pytest.mark.parametrize(("tracking", "interval"), [("coherent", 4), ("noncoherent", 4)])
+def test_second_stage_without_ins_takes_the_acceleration_of_the_interval_and_is_consistent(
+    tracking: str, interval: int
+) -> None:
+    of = replace(setting(tracking, False, 100.0), interval=interval)
+    optimal, one = (flown(of, VARIANTS[name], 40.0, RUNS, 52) for name in ("optimal", "one_stage"))
+
+    assert not any(run.lost for run in optimal)
+    assert nees_within_bounds(of, optimal)
+    assert abs(innovation_correlation(of, VARIANTS["optimal"], optimal)) < 0.03
+    # between two updates its velocity is a prediction with an acceleration that is known to 10 m/s^2
+    assert 1.0 < settled(of, optimal, VELOCITY) / settled(of, one, VELOCITY) < 1.6
+
+
+def test_motion_within_a_long_interval_of_phases_is_neglected_and_shows_in_the_nees() -> None:
+    of = setting("coherent", False, 100.0)  # 100 ms, in which 5 g change by 12 m/s^2
+    runs = flown(of, VARIANTS["optimal"], 40.0, 3, 52)
+    first = math.ceil(of.settle / of.record_every)
+
+    assert np.mean([run.nees[first:].mean() for run in runs]) > 3.0
