@@ -57,7 +57,8 @@ def receiver(
         float | None,
         typer.Option(
             "--duration",
-            help="Length of a run in seconds. Default: until 40 s after averaging begins, or less.",
+            help="Length of a run in seconds. Default: until 40 s after averaging begins, or less; with --emitters the "
+            "whole motion.",
         ),
     ] = None,
     settle: Annotated[

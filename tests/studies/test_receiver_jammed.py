@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -20,9 +21,11 @@ from insgnss.interference.spectra import modulation_of
 from insgnss.runs.margin.loops import separation
 from insgnss.studies import ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
+from insgnss.studies.receiver.flight import FlightRequest, receiver_flight
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.scene import StudyScene, scene_of
-from insgnss.studies.receiver.tables import ALL_LOST, TRACKED_AGAIN, spans_without_a_channel
+from insgnss.studies.receiver.tables import ALL_LOST, TRACKED_AGAIN, spans_without_a_channel, tracked
+from insgnss.studies.receiver.variants import VARIANTS
 
 OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
 
@@ -70,6 +73,19 @@ def test_cn0_is_that_of_free_space() -> None:
 
     assert found == pytest.approx(np.tile(expected[:, None], (1, found.shape[1])), abs=0.01)
     assert geodetic(truth.r_e[:1])[0, 2] == pytest.approx(900.0, abs=1.0)
+
+
+def test_study_past_emitters_lasts_as_long_as_the_motion_unless_it_is_told() -> None:
+    asked = FlightRequest(
+        "jammed_approach", "noncoherent", "tactical", "tcxo", ReceiverOptions(step_s=0.02), "jammed_approach"
+    )
+    wanted = {"one_stage": VARIANTS["one_stage"]}
+    whole = receiver_flight(asked, wanted, [45.0])
+    half = receiver_flight(asked._replace(options=replace(asked.options, duration_s=90.0)), wanted, [45.0])
+
+    assert whole.scene.options.duration_s == whole.scene.course.whole_s - whole.scene.begins_s
+    assert min(whole.profiles) < 16.0  # the emitter is passed
+    assert half.scene.options.duration_s == 90.0
 
 
 def test_library_of_emitters_goes_from_45_dbhz_below_16_and_back() -> None:
@@ -128,9 +144,20 @@ def test_filter_coasts_and_is_honest() -> None:
     assert (summary["lost"] == 0.0).all()
     assert (summary["nees"] < summary["nees_high"]).all()
     epochs = study.epochs[study.epochs["variant"] == "one_stage"]
-    coasted = epochs[epochs["time_s"].between(125.0, 135.0)]["velocity_mps"].max()
-    after = epochs[epochs["time_s"] > 160.0]["velocity_mps"].max()
-    assert coasted > after
+    coasted, after = epochs[epochs["time_s"].between(125.0, 135.0)], epochs[epochs["time_s"] > 160.0]
+    assert coasted["velocity_mps"].max() > after["velocity_mps"].max()
+    # and its sigma says so, while no channel is tracked
+    assert coasted["velocity_sd_mps"].max() > 1.5 * after["velocity_sd_mps"].max()
+    assert coasted["tracked"].min() == 0.0 and (after["tracked"] == 1.0).all()
+    ratio = epochs["velocity_mps"] / epochs["velocity_sd_mps"]
+    assert ratio[epochs["time_s"] > 30.0].max() < 3.0
+
+
+def test_tracked_channels_are_neither_lost_nor_looked_for() -> None:
+    search: Any = SimpleNamespace(channel=1, lost_s=2.0, tracked_s=4.0)
+    run: Any = SimpleNamespace(lost_s=np.array([3.0, math.inf]), searches=[search])
+
+    assert tracked(run, np.array([1.0, 2.0, 3.0, 4.0])).tolist() == [1.0, 0.5, 0.0, 0.5]
 
 
 @pytest.mark.parametrize("tracking", ["coherent", "noncoherent"])

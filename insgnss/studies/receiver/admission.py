@@ -77,8 +77,12 @@ def check_options(o: ReceiverOptions) -> None:
         require_positive(duration_s=o.duration_s)
 
 
-def with_duration(o: ReceiverOptions, longest_s: float) -> ReceiverOptions:
+def with_duration(o: ReceiverOptions, longest_s: float, *, whole: bool) -> ReceiverOptions:
     """Return options with a duration: that which is asked for, or as long as errors may take to settle.
+
+    Parameters
+    ----------
+    whole : a study whose duration is not given lasts as long as the motion
 
     Raises
     ------
@@ -89,7 +93,7 @@ def with_duration(o: ReceiverOptions, longest_s: float) -> ReceiverOptions:
         average_s = o.settle_s + LONGEST_WAIT_S if o.average_s is None else o.average_s
         wanted_s = average_s + AVERAGED_S
         if max(o.settle_s, o.average_s or 0.0) < longest_s:
-            wanted_s = min(wanted_s, longest_s)
+            wanted_s = longest_s if whole else min(wanted_s, longest_s)
     if wanted_s > longest_s:
         raise ConfigError(
             f"the motion lasts {longest_s:g} s from the study's begin on, the study {wanted_s:g} s",

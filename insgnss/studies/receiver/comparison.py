@@ -7,7 +7,7 @@
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps range_predicted_m rate_predicted_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
 | events | loss of the last channel, and its end | variant cn0_dbhz run time_s kind |
-| epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
+| epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg position_sd_m velocity_sd_mps attitude_sd_deg nees lost tracked channel_m channel_mps received_dbhz |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
 asked for, and then has the C/N0 of its row. Errors grow to their new level: a position without phase tracking in half a
@@ -23,7 +23,8 @@ error of motion and clock over the filter's covariance, by state: 1 is right; it
 filter is consistent, even if every run counted as one look.
 ``innovation_correlation`` is that of the ranges of successive updates, less the predicted ones: 0 of a filter whose
 measurements are independent, up to 1 of one that counts the same information again and again.
-``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
+Columns with ``_sd_`` are what the filters predict of these errors, one sigma; ``tracked`` is the share of the channels
+that are neither lost nor looked for. ``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
 ``cn0_estimated_dbhz`` is the receiver's own estimate, on average over the second half of a run. A search begins when a channel's
 signal is gone (``lost_s``) and ends when it is tracked again (``tracked_s``) after it came back (``back_s``): the window's
 sigmas in delay and Doppler (``sd_delay_m``, ``sd_rate_mps``), how far the truth lay from its middle (``off_m``,

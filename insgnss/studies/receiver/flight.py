@@ -3,7 +3,7 @@
 Errors are averaged from one moment on for all receivers and C/N0: when the slowest of them has settled at the lowest
 C/N0 (``settling``), at most ``LONGEST_WAIT_S`` after the fall. A position of code and phase (``one_stage_code``) is not
 waited for: it is an average since the run's begin and never settles. Past emitters C/N0 does not fall once; the average
-then begins with ``settle_s``.
+then begins with ``settle_s``, and a study whose duration is not given lasts as long as the motion.
 """
 
 from __future__ import annotations
@@ -154,7 +154,10 @@ def _with_average(
 
 def _scene(asked: FlightRequest, levels: list[float]) -> tuple[StudyScene, dict[float, Float64]]:
     """Return the scene and C/N0 over time by the level that names it."""
-    scene = scene_of(asked.scenario, asked.tracking, asked.imu, asked.oscillator, asked.options)
+    jammed_way = asked.emitters is not None
+    scene = scene_of(
+        asked.scenario, asked.tracking, asked.imu, asked.oscillator, asked.options, whole=jammed_way
+    )
     scene = _masked(scene, asked.options, asked.antennas)
     if asked.emitters is not None:
         jammed = jammed_cn0_dbhz(

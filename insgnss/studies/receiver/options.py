@@ -19,7 +19,8 @@ LONGEST_WAIT_S: Final = 120.0  # for errors to settle after the fall of C/N0
 class ReceiverOptions:
     """What a receiver study may change. Seconds, hertz, chips."""
 
-    # of the runs, settling included; None: AVERAGED_S from the start of the average on, as far as the motion allows
+    # of the runs, settling included; None: AVERAGED_S from the start of the average on, as far as the motion allows;
+    # past emitters to its end
     duration_s: float | None = None
     settle_s: float = 40.0  # until C/N0 falls
     # from which second of a run errors are averaged, as settle_s: from the fall on; None: when they have settled

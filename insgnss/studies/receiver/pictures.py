@@ -27,8 +27,11 @@ _OVER_TIME: Final = (
     ("velocity_mps", "velocity, m/s"),
     ("nees", "NEES by state"),
     ("lost", "runs lost"),
+    ("tracked", "channels tracked"),
     ("received_dbhz", "C/N0, dBHz"),
 )
+
+_SIGMAS: Final = {"position_m": "position_sd_m", "velocity_mps": "velocity_sd_mps"}
 
 
 def error_figure(summary: pd.DataFrame, thresholds: pd.DataFrame, title: str) -> Figure:
@@ -60,14 +63,20 @@ def _draw_errors(axes: Axes, summary: pd.DataFrame, panel: tuple[str, str, str])
 
 
 def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
-    """Return errors, NEES, share lost and C/N0 over time at the lowest C/N0, a line a receiver."""
-    figure, panels = _over_time(epochs, [(column, label, 1.0) for column, label in _OVER_TIME], 9.0)
+    """Return errors, NEES, share lost, channels and C/N0 over time at the lowest C/N0, a line a receiver.
+
+    Errors have three times their predicted sigmas as dashed lines.
+    """
+    figure, panels = _over_time(epochs, [(column, label, 1.0) for column, label in _OVER_TIME], 10.5)
+    lowest = epochs[epochs["cn0_dbhz"] == epochs["cn0_dbhz"].min()]
     for (column, _), axes in zip(_OVER_TIME, panels, strict=True):
+        for _, rows, colour in _by_variant(lowest) if column in _SIGMAS else ():
+            axes.plot(rows["time_s"], 3.0 * rows[_SIGMAS[column]], "--", lw=0.8, color=colour)
         if column in ("position_m", "velocity_mps", "nees"):
             axes.set_yscale("log")
         if column == "nees":
             axes.axhline(1.0, color="#333333", lw=0.8, ls=":")
-    figure.suptitle(f"{title}, {epochs['cn0_dbhz'].min():g} dBHz", fontsize=10)
+    figure.suptitle(f"{title}, {epochs['cn0_dbhz'].min():g} dBHz (dashed: 3 sigma)", fontsize=10)
     return figure
 
 

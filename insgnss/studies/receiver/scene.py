@@ -101,8 +101,14 @@ def scene_of(
     imu: str | ImuGrade | None,
     oscillator: str | Mapping[str, float],
     options: ReceiverOptions,
+    *,
+    whole: bool = False,
 ) -> StudyScene:
     """Return the scene of a study; a course that has been laid before serves again.
+
+    Parameters
+    ----------
+    whole : a study whose duration is not given lasts as long as the motion
 
     Raises
     ------
@@ -114,7 +120,7 @@ def scene_of(
     course = scenario if isinstance(scenario, LaidCourse) else _laid(scenario)
     trajectory, whole_s = course.trajectory, course.whole_s
     begins_s = _begin_s(course.config, whole_s, options)
-    o, step = with_duration(options, whole_s - begins_s), options.step_s
+    o, step = with_duration(options, whole_s - begins_s, whole=whole), options.step_s
     interval, fall, average, count = integrations(o)
     r_e = trajectory.position_e(np.array([trajectory.first_s]))[0]
     lowest_m = float(np.linalg.norm(r_e))

@@ -159,12 +159,21 @@ def spans_without_a_channel(run: ReceiverRun) -> list[tuple[float, float]]:
     return spans
 
 
+def tracked(run: ReceiverRun, time_s: Float64) -> Float64:
+    """Return the share of a run's channels that are tracked over time (k,): neither lost nor looked for."""
+    held = run.lost_s > time_s[:, None]
+    for search in run.searches:
+        held[(search.lost_s <= time_s) & (time_s < search.tracked_s), search.channel] = False
+    return np.asarray(held.mean(axis=1))
+
+
 def epoch_rows(
     setting: Setting, name: str, level: float, runs: list[ReceiverRun], cn0_dbhz: Float64
 ) -> pd.DataFrame:
     """Return errors over time: of all runs, those that lost lock as well."""
     time_s = setting.record_every * setting.truth.step_s * np.arange(len(runs[0].error))
     squares = np.mean([run.error**2 for run in runs], axis=0)
+    variances = np.mean([run.sd**2 for run in runs], axis=0)
     first = np.array([run.lost_s.min() for run in runs])
     return pd.DataFrame(
         {
@@ -174,8 +183,12 @@ def epoch_rows(
             "position_m": np.sqrt(squares[:, 0:3].sum(axis=1)),
             "velocity_mps": np.sqrt(squares[:, 3:6].sum(axis=1)),
             "attitude_deg": np.degrees(np.sqrt(squares[:, 6:9].sum(axis=1))),
+            "position_sd_m": np.sqrt(variances[:, 0:3].sum(axis=1)),
+            "velocity_sd_mps": np.sqrt(variances[:, 3:6].sum(axis=1)),
+            "attitude_sd_deg": np.degrees(np.sqrt(variances[:, 6:9].sum(axis=1))),
             "nees": np.mean([run.nees for run in runs], axis=0),
             "lost": (first[:, None] <= time_s).mean(axis=0),
+            "tracked": np.mean([tracked(run, time_s) for run in runs], axis=0),
             "channel_m": runs[0].offset[:, 0],
             "channel_mps": runs[0].offset[:, 1],
             "received_dbhz": cn0_dbhz[:: setting.record_every].mean(axis=1),
