@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
+from insgnss.errors import ConfigError
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.admissible import require_known, require_positive, signal_ratio
@@ -103,7 +104,7 @@ def channels_of(
 
     Raises
     ------
-    ConfigError : an unknown tracking or discriminator, or numbers that no signal has
+    ConfigError : an unknown tracking or discriminator, numbers that no signal has, or a spacing without a slope
     """
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
     require_known(phase_kind, PHASE_KINDS, "phase_kind", "phase discriminator")
@@ -112,6 +113,13 @@ def channels_of(
     require_known(delay_kind, DELAY_KINDS, "delay_kind", "delay discriminator")
     require_positive("give hertz", carrier_hz=carrier_hz, chip_hz=chip_hz)
     correlators = Correlators(spacing_chips)
+    noise_factor = correlators.noise_factor()
+    if DelayDiscriminator(delay_kind, correlators).slope(1.0) == 0.0:
+        raise ConfigError(
+            f"the delay discriminator '{delay_kind}' has no slope with a spacing of {spacing_chips:g} chips",
+            key="spacing_chips",
+            advice="give less: early and late must both see the peak",
+        )
     k, chip_m, coherent = 2.0 * math.pi * carrier_hz / C_MPS, C_MPS / chip_hz, tracking == "coherent"
     kinds = (
         PHASE_KINDS.index(phase_kind),
@@ -125,7 +133,7 @@ def channels_of(
         chip_m,
         np.array(kinds, np.int64),
         correlators.offsets,
-        correlators.noise_factor(),
+        noise_factor,
         observation_table(coherent, step_s, k, chip_m, kinds, correlators).copy(),
     )
 

@@ -139,6 +139,7 @@ def test_gain_is_off_by_the_ratio_of_told_and_true_cn0() -> None:
         ({"delay_kind": "x"}, "delay_kind"),
         ({"chip_hz": 0.0}, "chip_hz"),
         ({"spacing_chips": 2.5}, "spacing_chips"),
+        ({"tracking": "noncoherent", "spacing_chips": 2.0}, "spacing_chips"),
         ({"step_s": -1.0}, "integration_s"),
     ],
 )

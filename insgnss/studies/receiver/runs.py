@@ -15,6 +15,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
+from insgnss.studies.receiver.estimated_cn0 import EstimatedCn0
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver.loop import run_receiver
 from insgnss.studies.receiver.masking import ReceiverMasking
@@ -43,13 +44,12 @@ from insgnss.studies.receiver.workspace import (
 )
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
-from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, noise_count
 
-_BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
+_BLOCK_S: Final = 0.5  # of integrations run at once, and between two estimates of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
 # singular value of the directions and the clock's column: below it errors of ranges count a hundredfold
 _LEAST_GEOMETRY: Final = 0.01
@@ -236,8 +236,8 @@ def _run_blocks(
     """
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
     # the C/N0 that the receiver takes for true
-    block, taken, estimates = _block(truth), arriving.level[0], []
-    believed = cn0[0]
+    block, estimates, believed = _block(truth), [], cn0[0]
+    own = EstimatedCn0(channels, cn0[0], setting.least_cn0_dbhz)
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = SignalArrivals(
@@ -248,7 +248,7 @@ def _run_blocks(
             told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
             believed = np.full(m, setting.told_cn0_dbhz)
         elif setting.estimates_cn0:
-            told_level = np.tile(taken, (len(here.level), 1))
+            told_level, believed = np.tile(own.level, (len(here.level), 1)), own.believed
         else:
             believed = cn0[first]
         if searches is not None:
@@ -266,9 +266,7 @@ def _run_blocks(
         noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
         run_receiver(receiver, channels, here, told, f, room, noise, found)
         if setting.estimates_cn0 and len(here.level) == block:
-            estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
-            unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
-            taken, believed = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1])), estimates[-1]
+            estimates.append(own.take(found.power, told_level))
     return np.array(estimates).reshape(-1, m)
 
 
