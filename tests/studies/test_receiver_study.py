@@ -140,7 +140,12 @@ def test_receivers_without_ins_have_an_independent_programs_velocity() -> None:
 
 @pytest.mark.parametrize(
     ("medium", "cn0_dbhz", "position_m", "velocity_mps", "attitude_arcmin"),
-    [(False, 40.0, 0.77, 0.091, 2.6), (True, 40.0, 0.76, 0.056, 0.75), (False, 24.0, 6.3, 0.39, 5.4)],
+    [
+        (False, 40.0, 0.77, 0.091, 2.6),
+        (True, 40.0, 0.76, 0.056, 0.75),
+        (False, 24.0, 6.3, 0.39, 5.4),
+        (False, 20.0, 12.8, 0.63, 6.8),
+    ],
 )
 def test_receivers_without_phase_have_an_independent_programs_errors(
     medium: bool, cn0_dbhz: float, position_m: float, velocity_mps: float, attitude_arcmin: float
