@@ -171,7 +171,7 @@ def epoch_rows(
     setting: Setting, name: str, level: float, runs: list[ReceiverRun], cn0_dbhz: Float64
 ) -> pd.DataFrame:
     """Return errors over time: of all runs, those that lost lock as well."""
-    time_s = setting.record_every * setting.truth.step_s * np.arange(len(runs[0].error))
+    time_s = setting.record_every * setting.truth.step_s * np.arange(len(runs[0].error), dtype=np.float64)
     squares = np.mean([run.error**2 for run in runs], axis=0)
     variances = np.mean([run.sd**2 for run in runs], axis=0)
     first = np.array([run.lost_s.min() for run in runs])
