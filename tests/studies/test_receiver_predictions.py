@@ -71,6 +71,15 @@ def test_second_stage_without_ins_takes_the_acceleration_of_the_interval_and_is_
     assert 1.0 < settled(of, optimal, VELOCITY) / settled(of, one, VELOCITY) < 1.6
 
 
+def test_messages_of_phases_are_consistent_where_the_oscillator_is_quiet_within_the_interval() -> None:
+    of = replace(setting("coherent", True, 100.0), interval=4)  # 20 ms; of 100 ms the NEES is 2.0
+    runs = flown(of, VARIANTS["optimal"], 45.0, 4, 5)
+
+    assert nees_within_bounds(of, runs)
+    for k in (RANGE, RATE):
+        assert np.mean([(run.rms / run.predicted)[:, k] for run in runs]) == pytest.approx(1.0, abs=0.1)
+
+
 def test_motion_within_a_long_interval_of_phases_is_neglected_and_shows_in_the_nees() -> None:
     of = setting("coherent", False, 100.0)  # 100 ms, in which 5 g change by 12 m/s^2
     runs = flown(of, VARIANTS["optimal"], 40.0, 3, 52)
