@@ -130,7 +130,7 @@ def _judging(
         leave_contradicted: (P, lines, ANY_N, places, places, ANY_X),
         remove_smallest_set: (P, places, ANY_X, ANY_N),
         few_are_wrong: (P, lines, ANY_N, ANY_X),
-        adapt_noise: (m, P, P, par, s, ANY_N, ANY_N, ANY_X),
+        adapt_noise: (m, P, P, par, s, ANY_N, ANY_N),
         use_rows: (P, lines, vectors, ANY_N, ANY_X, ANY_X, values),
         explain: (P, lines, ANY_N, s.fit),
         raise_level: (m, P, lines, ANY_N, s.fit, values, par),

@@ -103,6 +103,8 @@ class StateRecord(Record):
     sum_accel_q: float  # velocity variance to add [m^2/s^2]
     sum_coupling: Annotated[Float64, MAX_COUPLINGS, 3]  # integrals of C_eb e_i m_k, see ``Coupling``
     noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
+    # since the clock's was last judged: sum of the drift's corrections [m/s], and variance of that sum
+    drift_moved: Annotated[Float64, 2]
     adapted_ns: int  # when they were last moved
     adapted_count: int
     level_epochs: Annotated[Int64, N_KINDS]  # over how many epochs the level of a kind was learnt
@@ -242,7 +244,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.q_eb[i] = source.q_eb[i]
     for i in range(2):
         target.clock[i], target.air_clone[i] = source.clock[i], source.air_clone[i]
-        target.level_risen[i] = source.level_risen[i]
+        target.level_risen[i], target.drift_moved[i] = source.level_risen[i], source.drift_moved[i]
     for i in range(MAX_OPTIONAL):
         target.optional[i] = source.optional[i]
     for i in range(N_FACTORS):

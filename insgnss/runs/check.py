@@ -26,6 +26,7 @@ from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
+from insgnss.log.checks.oscillator import oscillator_findings
 from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
@@ -104,6 +105,7 @@ def _against_each_other(
     if track is not None:
         leaps = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
         more += [f for f in clock_findings(track) if not (leaps and f.kind == CLOCK_LEAPS)]
+        more += oscillator_findings(track, flight.oscillator)
     more += sensor_findings(read_sensor_logs(flight), track, logs.imu)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)

@@ -376,7 +376,7 @@ def crowd(noise: float) -> list[Any]:
         widen_noisy_rates(P, made.memory[0], lines, observation, t_ns, fit, np.zeros(10), par)
         follow_lasting_errors(m, P, made.memory[0], work, observation, RANGE_RATE, t_ns, par)
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, np.zeros(10), par)
-        adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
+        adapt_noise(m, P, P, par, work, len(lines), t_ns)
         follow_explained(m, P, par, lines, fit, t_ns)
         again = counted_again(UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
         found += [lines["status"].copy(), lines["extra"].copy(), np.array(again)]

@@ -67,6 +67,7 @@ def reset_kinematics(
         P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         P[DRIFT, DRIFT] = 10.0**2
     m.clone_ns = 0
+    m.drift_moved[:] = 0.0
     hangs = np.eye(len(P))
     hangs[DR : DR + 3] -= m.C_eb @ J
     if fix.v_a is not None:

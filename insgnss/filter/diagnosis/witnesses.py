@@ -100,7 +100,7 @@ def least_nis(used: KindColumns, epoch: Int64) -> Float64:
     epoch : (n,) place of each row's epoch among the m, from 0 on
     """
     y, s, p = used.innovation, used.variance, used.predicted
-    r = s - p
+    r = np.maximum(s - p, np.finfo(np.float64).eps * s)  # a far larger p leaves nothing of it but rounding
 
     def summed(each: Float64) -> Float64:
         return np.bincount(epoch, each).astype(np.float64)

@@ -39,6 +39,12 @@ _STORM: Final = 9.0  # ratio of the median square beyond which most rows are wor
 _FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once in 10^6 epochs
 _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
+_MEMORIES: Final = 4.0  # of the filter in the drift: over so many their end effects are small
+_BEYOND_CHANCE2: Final = 25.0
+_LOUDEST_CLOCK: Final = (
+    35.0  # density of its drift [m^2/s^3]: ten times that of a crystal without compensation
+)
+_LEAST_DENSITY: Final = 1e-15
 _BIAS_GAIN: Final = 0.1  # per second: a crystal does not change, and one value says little
 _LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
 _LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
@@ -151,23 +157,25 @@ def adapt_noise(
     s: EpochWorkspace,
     n: int,
     t_ns: int,
-    drift_variance: float,
 ) -> None:
     """Move the factors of a hypothesis towards what an epoch's update shows.
 
     At rest the pseudoranges' factor does not fall far: multipath stands still then and does not show in what is left.
-    The clock's: the drift's correction has the variance P- minus P+, in the steady state the noise of one interval;
-    the bias's shows in what the carrier differences have in common, and is held in step with the drift's without them.
+    The clock's: ``drift_ratio``. The bias's shows in what the carrier differences have in common, and is held in step
+    with the drift's without them.
 
     Parameters
     ----------
     prior, P : covariance before and after the update
     s, n : the epoch's work space, with the correction that is not fed back yet, and how many lines it has
-    drift_variance : of the clock drift before the update [m^2/s^2]
     """
-    if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < INTERVAL_NS:
+    if par.adapt_gain <= 0.0:
         return
-    lines, fit, correction = s.lines[:n], s.fit, s.vectors[0]
+    m.drift_moved[0] += s.vectors[0, DRIFT]
+    m.drift_moved[1] += prior[DRIFT, DRIFT] - P[DRIFT, DRIFT]
+    if t_ns - m.adapted_ns < INTERVAL_NS:
+        return
+    lines, fit = s.lines[:n], s.fit
     since_s = (t_ns - m.adapted_ns) * 1e-9
     m.adapted_ns = t_ns
     m.adapted_count += 1
@@ -187,18 +195,42 @@ def adapt_noise(
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         share = max(par.adapt_gain, 1.0 / m.level_epochs[kind])
         m.noise_factor[kind] = bounded(factor + share * (wanted - factor), par)
-    expected = drift_variance - P[DRIFT, DRIFT]
-    if expected > 0.0 and m.adapted_count > 5:
-        ratio = min(correction[DRIFT] * correction[DRIFT] / expected, _LARGEST_STEP)
-        m.noise_factor[DRIFT_FACTOR] = bounded(
-            m.noise_factor[DRIFT_FACTOR] * (1.0 + gain * (ratio - 1.0)), par
-        )
+    if m.adapted_count > 5:
+        follow_drift(m, par, P[DRIFT, DRIFT], gain)
     common = common_ratio(lines)
     if common < 0.0:
         m.noise_factor[BIAS_FACTOR] = m.noise_factor[DRIFT_FACTOR]
     elif m.adapted_count > 5:
         factor = m.noise_factor[BIAS_FACTOR] * (1.0 + max(gain, _BIAS_GAIN) * (common - 1.0))
         m.noise_factor[BIAS_FACTOR] = max(min(factor, par.adapt_most), _LEAST_BIAS_FACTOR)
+
+
+@kernel(inline=True)
+def follow_drift(m: StateRecord, par: Parameters, variance: float, gain: float) -> None:
+    """Move the factor of the clock drift's noise by what the drift's corrections since the last time sum up to.
+
+    Equation: E[(sum K nu)^2] = sum (P- - P+), as innovations are white while the assumed noise is right.
+
+    A correction alone does not show the drift's noise: where that of the measurements is far larger, K nu has the
+    variance K^2 r = P- - P+ whatever the drift does, and a factor too small is never found out. Over several times the
+    filter's memory, P / q, the sum is what the drift itself has moved. A sum far beyond chance is not waited for: the
+    clock is another one than declared, and until the factor has risen the filter takes its drift for motion.
+
+    Parameters
+    ----------
+    variance : P+, of the drift [m^2/s^2]
+    gain : weight of one sum
+    """
+    square, expected = m.drift_moved[0] * m.drift_moved[0], m.drift_moved[1]
+    surprise = square > _BEYOND_CHANCE2 * expected
+    if not expected > 0.0 or not (surprise or expected > _MEMORIES * variance):
+        return
+    m.drift_moved[0] = m.drift_moved[1] = 0.0
+    ratio = square / expected
+    moved = ratio if surprise else 1.0 + gain * (min(ratio, _LARGEST_STEP) - 1.0)
+    density = max(par.clock_drift_density, _LEAST_DENSITY)
+    most = max(par.adapt_most, _LOUDEST_CLOCK / density)
+    m.noise_factor[DRIFT_FACTOR] = min(max(m.noise_factor[DRIFT_FACTOR] * moved, par.adapt_least), most)
 
 
 @kernel(inline=True)

@@ -94,7 +94,7 @@ def update_epoch(
     if is_far(P):
         predict_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
-    correction, drift_variance = s.vectors[0], P[DRIFT, DRIFT]
+    correction = s.vectors[0]
     place_slow_variances(bank, member, par, rows, epoch, lines)
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if rows.carrier.shape[0] > 0:
@@ -112,7 +112,7 @@ def update_epoch(
     if par.drift_gate > 0.0:
         hold_contradicted(m, bank.memory[member], lines, observation, t_ns)
     if done.clock_step == 0.0 and done.drift_step == 0.0:
-        adapt_noise(m, scratch.A, P, par, s, last - first, t_ns, drift_variance)
+        adapt_noise(m, scratch.A, P, par, s, last - first, t_ns)
         follow_explained(m, scratch.A, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, par, correction, s.antenna[0])

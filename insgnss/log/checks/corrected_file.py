@@ -119,7 +119,7 @@ def _write(document: tomlkit.TOMLDocument, proposal: Proposal) -> None:
             table[name] = tomlkit.table()
         table = table[name]
     value = list(proposal.value) if isinstance(proposal.value, tuple) else proposal.value
-    former = f", was {_plain(table[last])}" if last in table else ", was not given"
+    former = f", was {_one_line(_plain(table[last]))}" if last in table else ", was not given"
     item = tomlkit.item(value)
     item.comment(f"corrected{former}: {_one_line(proposal.why)}")
     _set(table, last, item, at_top=not parents)

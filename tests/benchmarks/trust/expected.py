@@ -18,7 +18,6 @@ LATER: Final = (
 )
 A6: Final = "a fault that shows late, or not before the next turn"
 
-LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it needs their lag as a state"
 UNSEEN: Final = (
     "until the fault shows, the heading is off by 0.1 deg and its sigma is 0.02: no test is faster"
 )
@@ -29,7 +28,6 @@ CAUTIOUS: Final = (
 
 # faults and situations of which the reason is known
 NOW: Final = (
-    Mark("fast_jet", "* velocity *", LAG),
     Mark("fault_accel_step", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_gyro_step", "*", A6),
     Mark("sounding_rocket", "nees tilt end", CAUTIOUS, in_tests=False),

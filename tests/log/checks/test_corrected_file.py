@@ -59,6 +59,15 @@ def test_corrected_text_keeps_comments_and_says_what_stood_there_and_why(flight:
     assert "# corrected, was 2268: only so do the messages serve" in text
 
 
+def test_value_takes_the_place_of_a_table_and_its_comment_keeps_what_the_table_held(flight: Flight) -> None:
+    table = "\n[gnss.time]\nscale = 'gps'\n\n[gnss.oscillator]\nh0_s = 8e-22\nh_minus2_per_s = 4e-25\n"
+    flight.path.write_text(TEXT.replace('oscillator = "tcxo"\n', table))
+    proposal = Proposal("gnss.oscillator", "tcxo", "it wanders")
+    text = corrected_text(flight, [proposal], flight.path.parent)
+    assert tomllib.loads(text)["gnss"]["oscillator"] == "tcxo"
+    assert "was h0_s = 8e-22 h_minus2_per_s = 4e-25: it wanders" in text
+
+
 def test_corrected_text_without_proposals_is_the_users_own(flight: Flight) -> None:
     assert corrected_text(flight, (), flight.path.parent) == TEXT
 

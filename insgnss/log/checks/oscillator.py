@@ -1,0 +1,73 @@
+"""Whether the receiver's clock wanders as its declared oscillator does: one declared too quiet passes for motion."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import Oscillator
+from insgnss.config.library import find, names
+from insgnss.config.strict import load_toml
+from insgnss.constants import SIGMA_PER_MEDIAN
+from insgnss.inertial.clock_model import clock_model
+from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.track import GnssTrack
+from insgnss.tables import Float64
+
+LAG_S: Final = 10.0  # over which the drift is compared with itself
+TIMES_DECLARED: Final = 100.0  # density of the drift's noise: ten times in sigma
+LEAST_MPS: Final = 0.2  # over the lag; reflections and the air change what satellites have in common by less
+MIN_PAIRS: Final = 30
+_SURE: Final = "sure: nothing but a clock changes all range rates so"
+
+
+def oscillator_findings(track: GnssTrack, declared: Oscillator) -> list[Finding]:
+    """Return a finding if the clock's drift wanders far more than the declared oscillator allows.
+
+    Equation: E[(d(t + T) - d(t))^2] = 2 r + S T for a drift that is driven by noise of density S and measured with the
+    variance r. The difference between a long and a short T is free of r.
+
+    Parameters
+    ----------
+    track : solutions of single epochs; their drifts are those of the range rates
+    """
+    t_s, drift = track.t_s[np.isfinite(track.drift_mps)], track.drift_mps[np.isfinite(track.drift_mps)]
+    if len(t_s) < MIN_PAIRS or t_s[-1] - t_s[0] < 2.0 * LAG_S:
+        return []
+    short_s = float(np.median(np.diff(t_s)))
+    if short_s > 0.2 * LAG_S:
+        return []
+    long, short = _mean_square(t_s, drift, LAG_S), _mean_square(t_s, drift, short_s)
+    wandered = long - short
+    density = wandered / (LAG_S - short_s)
+    allowed = clock_model(declared).drift_density
+    if not (wandered > max(LEAST_MPS**2, short) and density > TIMES_DECLARED * allowed):
+        return []
+    text = (
+        f"the receiver clock's drift changes by {math.sqrt(wandered):.2g} m/s in {LAG_S:g} s, and the declared"
+        f" oscillator's by {math.sqrt(allowed * LAG_S):.2g} m/s: the filter would take the rest for motion"
+    )
+    name = _noisy_enough(density)
+    proposal = Proposal("gnss.oscillator", name, f"the drift's noise has the density {density:.2g} m^2/s^3")
+    return [Finding("error", "gnss", text, sure=_SURE, proposals=(proposal,))]
+
+
+def _mean_square(t_s: Float64, drift: Float64, lag_s: float) -> float:
+    """Return the mean square of the drift's change over a lag, by the median size; 0 with too few pairs."""
+    later = np.minimum(np.searchsorted(t_s, t_s + lag_s - 1e-3), len(t_s) - 1)
+    pairs = np.abs(t_s[later] - t_s - lag_s) < 0.1 * lag_s
+    if pairs.sum() < MIN_PAIRS:
+        return 0.0
+    return float((SIGMA_PER_MEDIAN * np.median(np.abs(drift[later] - drift)[pairs])) ** 2)
+
+
+def _noisy_enough(density: float) -> str:
+    """Return the quietest oscillator of the library that may wander so, within a factor of three, or the noisiest."""
+    known = {
+        name: clock_model(load_toml(find("oscillators", name), Oscillator)).drift_density
+        for name in names("oscillators")
+    }
+    enough = [name for name in known if 3.0 * known[name] > density]
+    return min(enough, key=known.__getitem__) if enough else max(known, key=known.__getitem__)
