@@ -59,8 +59,8 @@ def convert(
         str,
         typer.Option(
             metavar="own|base",
-            help="Whose the RTCM messages in another log are: this receiver's measurements, or corrections of a base,"
-            " which are not read.",
+            help="Origin of RTCM messages in a log of another format: this receiver, or a base station, whose messages"
+            " are not read.",
         ),
     ] = "",
     force: Force = False,

@@ -191,7 +191,9 @@ def _loops(
     band, period = bandwidth or modulation.null_to_null_hz, accumulation or modulation.symbol_s
     if bandwidth == 0.0 or accumulation == 0.0:
         raise ConfigError(
-            "a band or a time of zero", key="--bandwidth", advice="leave it out for the signal's"
+            "bandwidth and accumulation time must be above zero",
+            key="--bandwidth",
+            advice="leave it out to use the value of the signal",
         )
     asked = discriminator(kind, threshold)
     kinds = [asked, *(d for d in DISCRIMINATORS if d.name != asked.name)]

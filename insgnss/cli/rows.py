@@ -150,8 +150,8 @@ def _time_of(row: list[str], place: int, width: int, where: tuple[Path, int, str
     while len(row) > width and not row[-1]:
         row = row[:-1]  # the line ends with delimiters
     if len(row) > width:
-        advice = "write decimal points, or part the columns by semicolons"
-        raise refused(f"{len(row)} cells, and the header names {width}", advice=advice)
+        advice = "write decimal points, or separate the columns by semicolons"
+        raise refused(f"{len(row)} cells, but the header names {width}", advice=advice)
     if len(row) <= place or not row[place]:
         raise refused("no time", advice=_WRITE_TIMES)
     cell = row[place].strip("\"'")

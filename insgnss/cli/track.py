@@ -72,11 +72,13 @@ def track(
         carrier_hz = G1_HZ if signal == "glonass-st" else L1_HZ
         if not (math.isfinite(seconds) and 0.0 < step_s <= seconds) or not 1 <= channels <= 10_000:
             advice = "simulate at least one integration, in 1 to 10000 channels"
-            raise ConfigError(f"{seconds:g} s in {channels} channels", key="--time", advice=advice)
+            raise ConfigError(
+                f"cannot simulate {seconds:g} s in {channels} channels", key="--time", advice=advice
+            )
         if seconds / step_s * channels > _MOST_INTEGRATIONS:
             advice = f"simulate {_MOST_INTEGRATIONS * step_s / channels:.4g} s at most, or fewer channels"
             raise ConfigError(
-                f"{seconds:g} s in {channels} channels fill the memory", key="--time", advice=advice
+                f"{seconds:g} s in {channels} channels need too much memory", key="--time", advice=advice
             )
         loop = assisted_filter(order, bandwidth, frequency_bandwidth, step_s)
         design = design_channels(

@@ -222,7 +222,7 @@ class Gaps(StrictModel):
         description="smallest assumed change of the specific force in a second of a gap; larger if the log has"
         " shown more",
     )
-    rate_sigma_degps: Positive = Field(5.0, description="the same of the angular rate")
+    rate_sigma_degps: Positive = Field(5.0, description="the same for the angular rate")
     restart_s: Positive = Field(
         2.5,
         le=600.0,
@@ -343,7 +343,7 @@ class Visibility(StrictModel):
     threshold: Literal["gain", "cn0"] = Field("gain", description="which of the next two is used")
     threshold_gain_dbic: float = -5.0
     threshold_cn0_dbhz: float = Field(
-        30.0, description="the same of the predicted C/N0: nominal_cn0_dbhz plus gain"
+        30.0, description="the same for the predicted C/N0: nominal_cn0_dbhz plus gain"
     )
     nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
     hysteresis_db: NotNegative = Field(
@@ -362,7 +362,7 @@ class Visibility(StrictModel):
     false_range_m: NotNegative = Field(
         60.0, description="rms error of a hidden satellite's pseudorange: reflection or false lock"
     )
-    false_rate_mps: NotNegative = Field(3.0, description="the same of its range rate")
+    false_rate_mps: NotNegative = Field(3.0, description="the same for its range rate")
     heading_sigma_limit_deg: Positive = Field(5.0, description="no masking while the heading is less certain")
     use_masked: bool = Field(False, description="true: measurements of hidden satellites are still used")
 

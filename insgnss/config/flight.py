@@ -93,9 +93,9 @@ class ObservationLog(LogTable):
                 f" '{self.columns.system}' reads one from each row: leave one of them out"
             )
         if self.system_codes and self.columns.system == NO_COLUMN:
-            raise ValueError("system_codes are of the column that columns.system names: give it too")
+            raise ValueError("system_codes translate a column of constellations: declare columns.system too")
         if self.signal_codes and self.columns.signal == NO_COLUMN:
-            raise ValueError("signal_codes are of the column that columns.signal names: give it too")
+            raise ValueError("signal_codes translate a column of signals: declare columns.signal too")
         return self
 
 
@@ -158,23 +158,23 @@ class Gnss(ObservationLog):
     base: Base | None = None
     slow_errors: SlowErrorSizes | None = Field(
         None,
-        description="range errors that last in this log, where the filter keeps its default [slow_errors]",
+        description="slowly varying range errors of this log; used if the filter's [slow_errors] are the defaults",
     )
     glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
-        {}, description="frequency channels that neither log nor messages state: R07 = -3"
+        {}, description="frequency channels that neither log nor messages contain: R07 = -3"
     )
     rate_sign: Literal["standard", "reversed"] = Field(
-        "standard", description="reversed: Doppler and range rates count against their standard signs"
+        "standard", description="reversed: Doppler and range rates have the opposite of their standard signs"
     )
     lever_arm_m: LeverArm | None = Field(
-        None, description="IMU to antenna in metres, forward, right, down; left out means not known, not zero"
+        None, description="IMU to antenna in metres, forward, right, down; left out means unknown, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
     receiver_events: Path | None = Field(
         None, description="CSV of the receiver's own events, for the search supervisor: time_s, sv, event"
     )
     antenna: tuple[MountedAntenna, ...] = Field(
-        (), description="the receiving antennas, for the visibility stage; none: nothing is masked"
+        (), description="the receiving antennas, for masking; none: nothing is masked"
     )
 
     @property
@@ -198,8 +198,8 @@ class GivenStart(StrictModel):
     rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
     sd_position_m: float = Field(30.0, gt=0.0, le=1e7, description="one sigma per axis [m]")
     sd_velocity_mps: float = Field(1.0, gt=0.0, le=2e4, description="one sigma per axis [m/s]")
-    sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg say nothing is known")
-    sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
+    sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg: unknown")
+    sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg: unknown")
 
 
 class ReferenceColumns(LogColumns):
@@ -234,7 +234,7 @@ class Reference(LogTable):
     point: Literal["imu", "antenna"] = "imu"
     quality_max: Positive | None = Field(
         None,
-        description="rows of a larger quality number are left out, as float (2) and single (5) of RTKLIB by 1",
+        description="rows with a larger quality number are left out: 1 leaves out RTKLIB's float (2) and single (5)",
     )
 
 
@@ -265,21 +265,23 @@ class AttitudeConfig(StrictModel):
     vehicle: str | None = Field(
         None, description="where the antennas sit: a name in models/vehicles, or a file ending in .toml"
     )
-    main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
+    main_antenna: str | None = Field(
+        None, description="the vehicle's antenna that recorded the log of [gnss]"
+    )
     phase_sigma_m: Positive = Field(0.002, description="noise of one antenna's phase at 45 dBHz")
     phase_floor_m: NotNegative = Field(
-        0.0, description="white noise of one antenna's phase whatever its C/N0, in addition"
+        0.0, description="additional white noise of one antenna's phase, independent of C/N0"
     )
     phase_elevation_m: NotNegative = Field(
-        0.0, description="and white noise that grows as one over the sine of the elevation"
+        0.0, description="additional white noise, proportional to one over the sine of the elevation"
     )
-    multipath_sigma_m: NotNegative = Field(0.003, description="further noise of one antenna's phase")
+    multipath_sigma_m: NotNegative = Field(0.003, description="multipath error of one antenna's phase")
     multipath_time_s: NotNegative = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
-        2.0, description="least ratio of the second-best integer solution's loss to the best's"
+        2.0, description="smallest accepted ratio of the second-best integer solution's cost to the best's"
     )
     confirmations: Annotated[int, Field(ge=1)] = Field(
-        3, description="epochs in a row that have to find the same whole cycles"
+        3, description="successive epochs that must find the same integer cycles"
     )
     gate_sigma: Positive = 4.5
     antenna: tuple[FurtherAntenna, ...] = Field(min_length=1)
@@ -288,10 +290,10 @@ class AttitudeConfig(StrictModel):
     def _antennas_are_told_apart(self) -> AttitudeConfig:
         names = [antenna.name for antenna in self.antenna]
         if len({*names, self.main_antenna}) != len(names) + 1:
-            raise ValueError("each antenna needs a name of its own, and none is that of the main antenna")
+            raise ValueError("each antenna needs its own name, different from that of the main antenna")
         if (self.vehicle is None) != (self.main_antenna is None):
             raise ValueError(
-                "vehicle and main_antenna go together: main_antenna says which one [gnss] is from"
+                "vehicle and main_antenna go together: main_antenna names the antenna of the log in [gnss]"
             )
         return self
 
@@ -305,15 +307,16 @@ class FlightConfig(StrictModel):
     lists_keys = "every key with its meaning: docs/flight-file.md"
     name: str = ""
     gps_week: Annotated[int, Field(ge=0, le=9999)] = Field(
-        NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"
+        NO_WEEK,
+        description="GPS week of all times in seconds of the week; left out: the week in which the log begins",
     )
-    imu: ImuConfig | None = Field(None, description="the point solution needs none")
+    imu: ImuConfig | None = Field(None, description="not needed for a point solution")
     gnss: Gnss = Field(
         Gnss.model_construct(files=()),
-        description="without it position fixes of a [[sensor]] have to carry the filter",
+        description="left out: position fixes of a [[sensor]] start and correct the filter",
     )
     attitude: AttitudeConfig | None = None
-    vehicle: VehicleRows | None = Field(None, description="its kind and the rows that its motion makes")
+    vehicle: VehicleRows | None = Field(None, description="kind of vehicle and the constraints on its motion")
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
     sensor: tuple[Sensor, ...] = Field((), description="further sensors, each with a log of its own")
@@ -327,7 +330,7 @@ class FlightConfig(StrictModel):
             message = "no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'"
             raise KeyValueError(message, "gnss")
         if not self.gnss.files and self.attitude is not None:
-            raise KeyValueError("[attitude] needs the carrier phases of [gnss]: give it too", "gnss")
+            raise KeyValueError("[attitude] needs the carrier phases of [gnss]: declare [gnss] too", "gnss")
         require_own_names([sensor.label for sensor in self.sensor], "sensors", "sensor")
         return self
 

@@ -144,7 +144,7 @@ def filter_config(
     config = filter if isinstance(filter, FilterConfig) else _filter_of_file(file_of("filters", filter))
     if settings and "based_on" in settings:
         raise ConfigError(
-            "what a filter is based on cannot be set here", key="based_on", advice="name that filter instead"
+            "based_on cannot be changed by a setting", key="based_on", advice="name that filter instead"
         )
     return changed(config, settings) if settings else config
 

@@ -81,22 +81,22 @@ class TimeScale(StrictModel):
     def _leap_seconds_are_of_utc(self, info: ValidationInfo) -> TimeScale:
         # only as a file says it: a proposal of another scale may leave them over
         if info.mode == "json" and self.leap_seconds is not None and self.scale != "utc":
-            raise ValueError(
-                "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
-            )
+            raise ValueError("leap_seconds apply only to UTC: write scale = 'utc' too, or leave them out")
         return self
 
     @model_validator(mode="after")
     def _dates_have_a_scale_and_no_unit(self) -> TimeScale:
         if self.origin != "calendar" and self.date_order != "ymd":
-            raise ValueError("date_order is only for dates: write origin = 'calendar' too, or leave it out")
+            raise ValueError(
+                "date_order applies only to dates: write origin = 'calendar' too, or leave it out"
+            )
         if self.date is not None and (self.origin != "calendar" or self.date_order != "ymd"):
             raise ValueError(
-                "date is of times of day: write origin = 'calendar' too, and leave date_order out"
+                "time.date completes times of day: write origin = 'calendar' too, and leave date_order out"
             )
         if self.origin == "calendar" and "scale" not in self.model_fields_set:
             raise ValueError(
-                "say which time the dates are in: scale = 'utc' (dates that end in Z are), or 'gps'"
+                "declare the time scale of the dates: scale = 'utc' (dates that end in Z), or 'gps'"
             )
         return self
 
@@ -196,7 +196,7 @@ class LogTable(StrictModel):
             )
         if is_of_parts and "unit" in self.time.model_fields_set:
             raise ValueError(
-                "unit is of one column of numbers: leave it out beside hours, minutes and seconds"
+                "unit applies to a single column of numbers: leave it out with columns of hours, minutes and seconds"
             )
         self._check_date_parts()
         if self.time.origin != "calendar":
@@ -209,7 +209,7 @@ class LogTable(StrictModel):
             raise ValueError("time.date and columns.date both state the date: leave one of them out")
         if self.time.unit != "s" and not self.columns.date_names and self.time.date is None:
             raise ValueError(
-                "unit is of numbers: leave it out where origin = 'calendar', or name the column of dates as"
+                "unit applies to numbers: leave it out with origin = 'calendar', or name the column of dates as"
                 " columns.date where columns.time counts from midnight"
             )
         return self
@@ -224,7 +224,7 @@ class LogTable(StrictModel):
         names, order = self.columns.date_names, self.time.date_order
         if len(names) != 2 and order == "yd":
             raise ValueError(
-                "date_order = 'yd' is of two columns, years and days of the year: name both as columns.date"
+                "date_order = 'yd' applies to two columns, years and days of the year: name both as columns.date"
             )
         if len(names) == 3 and order != "ymd":
             raise ValueError("columns.date lists years, months, days in this order: leave date_order out")

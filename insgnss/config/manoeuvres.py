@@ -17,7 +17,7 @@ Period = Annotated[float, Field(ge=0.5)]
 
 
 class Straight(StrictModel):
-    """Go on as before, at rest too."""
+    """Constant velocity, or rest."""
 
     kind: Literal["straight"]
     duration_s: Positive
@@ -43,7 +43,7 @@ class Climb(StrictModel):
 
 
 class Turn(StrictModel):
-    """A coordinated turn at constant bank, with the largest roll rates of rolling in and out."""
+    """A coordinated turn at constant bank, with limits for the roll rates into and out of it."""
 
     kind: Literal["turn"]
     by_deg: float = Field(description="change of heading, right positive")
@@ -53,7 +53,7 @@ class Turn(StrictModel):
 
 
 class STurn(StrictModel):
-    """A turn, twice as much back, and the same turn again: the way goes on as before, shifted."""
+    """A turn, twice as much back, and the same turn again: the course is kept, the path displaced."""
 
     kind: Literal["s_turn"]
     by_deg: float
@@ -82,7 +82,7 @@ class Loop(StrictModel):
 
 
 class BarrelRoll(StrictModel):
-    """A full roll while the way goes up and sideways, then down again; radius 0 is a roll about the way."""
+    """A full roll while the path goes up and sideways, then down again; radius 0 is a roll about the path."""
 
     kind: Literal["barrel_roll"]
     duration_s: Positive
@@ -102,7 +102,7 @@ class TakeOff(StrictModel):
 
 
 class Landing(StrictModel):
-    """The descent to the ground, the flare, and the run until the vehicle stands."""
+    """The descent to the ground, the flare, and the roll-out until the vehicle stops."""
 
     kind: Literal["landing"]
     descend_m: Positive
@@ -113,7 +113,7 @@ class Landing(StrictModel):
 
 
 class Sea(StrictModel):
-    """Waves under a ship that goes on as before: amplitudes and periods of its motions."""
+    """A ship in waves at constant course and speed: amplitudes and periods of its motions."""
 
     kind: Literal["sea"]
     duration_s: Positive
@@ -132,13 +132,13 @@ class Sea(StrictModel):
     def _lasts_longer_than_its_ramps(self) -> Sea:
         if self.duration_s < 2.0 * self.ramp_s:
             raise ValueError(
-                f"duration_s = {self.duration_s:g} is over before the ramps of {self.ramp_s:g} s"
+                f"duration_s = {self.duration_s:g} is shorter than the two ramps of {self.ramp_s:g} s"
             )
         return self
 
 
 class Ascent(StrictModel):
-    """A sounding rocket: it waits on its rail, flies along its axis, burns, spins, and coasts. The only manoeuvre."""
+    """A sounding rocket: it waits on its rail, burns, spins and coasts along its axis. Must be the only manoeuvre."""
 
     kind: Literal["ascent"]
     duration_s: Positive = Field(description="whole duration, wait on the rail included")
@@ -157,17 +157,17 @@ class Ascent(StrictModel):
     def _burns_longer_than_it_ramps(self) -> Ascent:
         if self.duration_s <= self.wait_s:
             raise ValueError(
-                f"duration_s = {self.duration_s:g} is over before the ignition at {self.wait_s:g} s"
+                f"duration_s = {self.duration_s:g} ends before the ignition at {self.wait_s:g} s"
             )
         if self.burn_s <= self.ramp_s:
             raise ValueError(
-                f"burn_s = {self.burn_s:g} is over before the thrust's ramp of {self.ramp_s:g} s"
+                f"burn_s = {self.burn_s:g} is not longer than the thrust's ramp of {self.ramp_s:g} s"
             )
         return self
 
 
 class RandomMotion(StrictModel):
-    """Acceleration and angular rate as Gauss-Markov processes, added to a motion that goes on. The last manoeuvre."""
+    """Acceleration and angular rate as Gauss-Markov processes, added to a steady motion. Must be the last manoeuvre."""
 
     kind: Literal["gauss_markov"]
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]

@@ -1,4 +1,4 @@
-"""Sizes of the range errors that last for minutes: orbits, clocks, and what the models of the air leave."""
+"""Sizes of slowly varying range errors: orbits, clocks, and residuals of the atmosphere models."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from insgnss.config.strict import StrictModel
 
 
 class SlowErrorSizes(StrictModel):
-    """One sigma of range errors that last for minutes, and how long: in ``sd_*``, or states (``range_bias_states``).
+    """One sigma and correlation time of slowly varying range errors: in ``sd_*``, or states (``range_bias_states``).
 
     Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
     Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.

@@ -191,7 +191,7 @@ def _read(
     kinds = dict.fromkeys(kind for _, kind in formats if kind != "rinex_navigation")
     if not kinds:
         raise InputError(
-            "the files are navigation files alone",
+            "only navigation files are given",
             file=", ".join(str(path) for path, _ in formats),
             advice="give a receiver's log in one call with them",
         )

@@ -126,7 +126,7 @@ def beginning(path: Path) -> bytes:
 def _no_log(path: Path, what: str, key: str) -> InputError:
     """Return the error of a file that belongs to a flight, but not of a receiver's log."""
     advice = f"convert the log without it, and name it in the flight file as gnss.{key}" if key else ""
-    return InputError(f"the file holds {what}, no receiver's log", file=path, advice=advice)
+    return InputError(f"the file holds {what}, not a receiver's log", file=path, advice=advice)
 
 
 def _framed_bytes(frames: UbxFrames | NovatelFrames) -> int:

@@ -185,7 +185,7 @@ def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Eve
                 "holds no sigma above zero",
                 file=path,
                 column=name,
-                advice="leave the column out: the filter's own sigmas hold then",
+                advice="leave the column out: the filter then uses its own sigmas",
             )
         if wrong:
             detail = f"{path}: column '{name}': {wrong} of {stated} sigmas are not above zero: not used ('bad_sigma')"
@@ -208,7 +208,7 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float6
         return None, []
     if not _has_orbits(config):
         raise ColumnError(
-            "the log has a part of the satellite states, but not this one",
+            "the log has some columns of the satellite states, but not this one",
             file=path,
             line=table.dialect.header_line,
             column=missing[0],

@@ -51,7 +51,9 @@ class IqFile:
         object.__setattr__(self, "path", Path(self.path))
         _check_declared(self.sampling, self.sample_type, self.order, self.skip_bytes)
         if not self.path.is_file():
-            raise MissingFileError("no such recording", file=self.path, advice="give a file of raw samples")
+            raise MissingFileError(
+                "there is no such recording", file=self.path, advice="give a file of raw samples"
+            )
         size = self.path.stat().st_size - self.skip_bytes
         if size <= 0:
             held = "is empty" if self.path.stat().st_size == 0 else f"ends before byte {self.skip_bytes}"
@@ -61,7 +63,7 @@ class IqFile:
             raise InputError(
                 f"{size} bytes are not a whole number of {kind} {self.sample_type} samples of {self._bytes} bytes",
                 file=self.path,
-                advice="check sample type, complex or real, and skip_bytes; cut a broken end off",
+                advice="check sample type, complex or real, and skip_bytes; or cut off the incomplete end",
             )
 
     @property
@@ -116,7 +118,7 @@ class IqFile:
         """
         if not (math.isfinite(block_s) and block_s > 0.0):
             raise ConfigError(
-                f"blocks of {block_s:g} s", key="block_s", advice="give seconds above 0, as 1.0"
+                f"invalid block length of {block_s:g} s", key="block_s", advice="give seconds above 0, as 1.0"
             )
         size = max(1, round(block_s * self.sampling.rate_hz))
         for first in range(0, self.count, size):
@@ -136,7 +138,7 @@ def rounded(block: SignalSamples, sample_type: str) -> SignalSamples:
     limit = np.iinfo(kind)
     if not (np.isfinite(block.in_phase).all() and np.isfinite(block.quadrature).all()):
         raise ConfigError(
-            "samples are not finite numbers, which integers cannot say",
+            "some samples are not finite: integers cannot represent them",
             key="blocks",
             advice="leave such samples out, or write zeros",
         )
@@ -181,7 +183,7 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
     rate = sampling.rate_hz
     if not (math.isfinite(rate) and 0.0 < rate <= _MOST_HZ):
         advice = "give samples per second, as 4e6"
-        raise ConfigError(f"a sampling rate of {rate:g} Hz", key="rate_hz", advice=advice)
+        raise ConfigError(f"invalid sampling rate of {rate:g} Hz", key="rate_hz", advice=advice)
     if not math.isfinite(sampling.intermediate_hz):
         advice = "give the frequency that the carrier without Doppler has in the samples, in Hz"
         raise ConfigError(
@@ -194,7 +196,9 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
             advice=f"give {0.5 * rate:g} Hz at most, or bandpass = true for real samples of a higher Nyquist zone",
         )
     if skip_bytes < 0:
-        raise ConfigError(f"{skip_bytes} bytes to skip", key="skip_bytes", advice="give 0 or more")
+        raise ConfigError(
+            f"invalid number of bytes to skip: {skip_bytes}", key="skip_bytes", advice="give 0 or more"
+        )
 
 
 def _refuse_type(sample_type: str, order: str) -> None:

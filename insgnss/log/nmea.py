@@ -87,7 +87,7 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     fixes = [epoch for epoch in found.epochs if epoch.place is not None]
     if len(fixes) < 2:
         raise InputError(
-            "the NMEA file holds no two fixes of satellites",
+            "the NMEA file holds fewer than two GNSS fixes",
             file=paths[0],
             advice="log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements",
         )

@@ -91,7 +91,7 @@ def read_precise(paths: Sequence[Path], *, use_predicted: bool = True) -> tuple[
     for kind, nodes in (("orbit", found.orbit), ("clock", clocks)):
         if not any(nodes.values()):
             raise NavigationDataError(
-                f"no {kind} that can be used", file=names, advice="give SP3 files of the flight's day"
+                f"no usable {kind}", file=names, advice="give SP3 files of the flight's day"
             )
     return _products(found.orbit, clocks), found.events
 
@@ -256,7 +256,7 @@ def _merge(
     if repeated:
         detail = (
             f"{path}: {len(repeated)} {what} node(s) are in an earlier file too, up to {farthest_m:.3f} m apart; "
-            "the earlier file counts"
+            "the earlier file is used"
         )
         found.events.append(Event(min(repeated), "precise_overlap", detail))
 
@@ -305,7 +305,7 @@ def _gps_ns(instant: Any, path: Path) -> int:
     ):
         if instant.scale == known:
             return t_ns + behind_s * NS_PER_S
-    raise TimeError(f"time system {instant.scale} is not known here", file=path)
+    raise TimeError(f"unsupported time system {instant.scale}", file=path)
 
 
 # ---------------------------------------------------------------------------------------------------------- ANTEX
@@ -341,7 +341,9 @@ def read_antennas(path: Path) -> tuple[SatelliteAntennas, list[Event]]:
         else:
             rows.append((name, first_ns, last_ns, offset))
     if not rows:
-        raise InputError("no satellite antenna in the file", file=path, advice="give igs20.atx or the like")
+        raise InputError(
+            "no satellite antenna in the file", file=path, advice="give igs20.atx or a similar file"
+        )
     if without:
         detail = (
             f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"

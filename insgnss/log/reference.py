@@ -85,11 +85,11 @@ def _possible_rows(table: CsvTable, config: Reference) -> tuple[Int64, list[Even
     line, reason = int(table.line[bad[0]]), f"{place[bad[0], k]:g} is not {what}"
     if len(bad) > min(most_bad_rows(table.n), table.n - 1):
         raise ColumnError(
-            f"{reason}; {len(bad)} of {table.n} rows are so",
+            f"{reason}; so are {len(bad)} of {table.n} rows",
             file=config.file,
             line=line,
             column=names[k],
-            advice="give reference.columns.position = [latitude, longitude, height] by the names of the columns",
+            advice="declare the names of the columns: reference.columns.position = [latitude, longitude, height]",
         )
     detail = f"{config.file}:{line}, column '{names[k]}': {reason}; {len(bad)} such row(s) left out"
     return np.flatnonzero(possible), [Event(None, "bad_row", detail)]

@@ -171,7 +171,7 @@ def satellites(run: Run) -> Figure:
     """
     table = states_of_the_log(run)
     if run.satellites.empty:
-        raise ResultError("the run has seen no satellite", advice="look into the events for the reason")
+        raise ResultError("the run has no satellite", advice="its events state the reason")
     place, names = satellites_of(table)
     figure = new_figure(PAGE_IN, 0.9 + 0.14 * len(names))
     axes = _axes(figure, 1)[0]

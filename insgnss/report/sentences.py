@@ -124,8 +124,8 @@ def _how_long(run: Run) -> str:
     else:
         when = f", {utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC (GPS week {week})"
     return (
-        f"{duration(last - first)} of navigation in {len(nav)} rows{when}; {distance(way_m(nav))} over"
-        f" ground, at most {number(speed)} m/s."
+        f"{duration(last - first)} of navigation in {len(nav)} rows{when}; {distance(way_m(nav))}"
+        f" travelled, at most {number(speed)} m/s."
     )
 
 
@@ -154,7 +154,7 @@ def _how_good(run: Run) -> list[str]:
     told_offset = ", ".join(f"{number(abs(value))} m {words[value < 0.0]}" for value, words in sides)
     lines.append(
         f"Nearly all of it is one constant offset, {told_offset}: the reference may refer to another point or datum, or"
-        f" either has errors that last for minutes. Without this offset {_within(about)}."
+        f" either has slowly varying errors. Without this offset {_within(about)}."
     )
     return [*lines, _honesty(errors), _honesty_without_offset(about), *_slow(errors)]
 
@@ -173,8 +173,9 @@ def _slow(table: pd.DataFrame) -> list[str]:
     if not horizontal > 0.0:
         return []
     return [
-        "Of the sigma, errors that last for minutes (orbits, clocks, residual atmosphere, reflections) make up about"
-        f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically."
+        "Slowly varying errors (orbits, clocks, residual atmosphere, multipath) contribute about"
+        f" {number(horizontal)} m to the horizontal sigma and {number(float(table['sd_slow_d_m'].median()))} m to the"
+        " vertical sigma."
     ]
 
 
@@ -212,7 +213,7 @@ def _honesty_without_offset(about: pd.DataFrame) -> str:
     variances, of_noise = [about[f"sd_{name}"] ** 2 for name in _HORIZONTAL], ""
     if _has_slow(about):
         variances = [noise_variance(about, name) for name in _HORIZONTAL]
-        of_noise = ", here the one without errors that last for minutes"
+        of_noise = " without the part of slowly varying errors"
     rms = _horizontal_ratio(about, *variances)
     return f"Without the constant offset they {times_their_sigma(rms)}{of_noise} (rms {number(rms)})."
 

@@ -126,7 +126,9 @@ def with_heading(table: pd.DataFrame) -> pd.DataFrame:
 def _check_columns(table: pd.DataFrame, *names: str) -> None:
     for name in names:
         if name not in table.columns:
-            raise ResultError("the table has no such column", column=name, advice="pass run.nav or its like")
+            raise ResultError(
+                "the table has no such column", column=name, advice="pass run.nav or a table with its columns"
+            )
 
 
 def _with_units(table: pd.DataFrame, *names: str) -> pd.DataFrame:

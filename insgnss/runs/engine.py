@@ -77,7 +77,7 @@ class Engine(FilterEngine):
         """
         if (aiding is None) != (on_aiding is None):
             raise ConfigError(
-                "aiding needs a rate and a receiver of its rows",
+                "aiding needs a rate and a function that takes its rows",
                 advice="give both aiding=... and on_aiding=..., or neither",
             )
         self._aiding: LiveAiding | None = None

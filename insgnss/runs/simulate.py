@@ -193,9 +193,9 @@ def _in_library(name: str) -> Path:
     path = find("scenarios", name)
     if not {"manoeuvre", "follow"} & tomllib.loads(path.read_text(encoding="utf-8")).keys():
         raise ConfigError(
-            "the scenario of a study: it has no manoeuvres to simulate",
+            "the scenario belongs to a study: it has no manoeuvres to simulate",
             file=path,
-            advice=f"insgnss.studies.masking_study('{name}') flies it",
+            advice=f"run it with insgnss.studies.masking_study('{name}')",
         )
     return path
 

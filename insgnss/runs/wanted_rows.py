@@ -157,7 +157,7 @@ def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Even
     """
     if isinstance(output, int | float) and not len(nav_ns):
         raise ConfigError(
-            f"no row: between the filter's start and the last inertial sample no time of {output:g} Hz comes",
+            f"no output row: no time at {output:g} Hz lies between the filter's start and the last inertial sample",
             key="output",
             advice="give a higher rate (--rate 10), or 'imu'; or log for longer",
         )

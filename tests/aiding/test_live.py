@@ -161,9 +161,9 @@ def test_stream_to_a_socket_can_be_what_the_engine_feeds() -> None:
 def test_rate_without_a_taker_and_the_reverse_are_errors() -> None:
     flown = plain_flight()
     setup = setup_filter(flown, flown.logs, filter_config("tight17"))
-    with pytest.raises(ConfigError, match="a receiver of its rows"):
+    with pytest.raises(ConfigError, match="a function that takes its rows"):
         insgnss.Engine(setup, aiding=50.0)
-    with pytest.raises(ConfigError, match="a receiver of its rows"):
+    with pytest.raises(ConfigError, match="a function that takes its rows"):
         insgnss.Engine(setup, on_aiding=print)
     with pytest.raises(ConfigError, match="invalid aiding rate"):
         insgnss.Engine(setup, aiding=-1.0, on_aiding=print)

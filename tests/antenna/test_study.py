@@ -96,7 +96,7 @@ def test_threshold_that_masks_everything_is_told_once_and_has_no_dilution() -> N
     study = banking_study(Visibility(threshold_gain_dbic=40.0))
 
     assert study.events["kind"].tolist() == ["few_satellites_seen"]
-    assert study.events["detail"].tolist() == ["fewer than four for 199.0 s"]
+    assert study.events["detail"].tolist() == ["fewer than four satellites visible for 199.0 s"]
     assert (study.dop["n_seen"] == 0).all()
     assert study.dop["pdop_seen"].isna().all()
 
@@ -202,7 +202,7 @@ def test_messages_of_another_year_are_refused() -> None:
     history = attitudes([0.0, 0.0, 0.0])
     late = AttitudeHistory(history.t_ns + 52 * 604_800 * 10**9, history.position, history.C_nb, history.P_b)
 
-    with pytest.raises(NavigationDataError, match="no satellite"):
+    with pytest.raises(NavigationDataError, match="no navigation message covers"):
         sky_of_navigation(late, navigation)
 
 

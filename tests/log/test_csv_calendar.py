@@ -350,8 +350,8 @@ def test_declared_days_of_the_year_need_no_such_name(tmp_path: Path) -> None:
         (["year", "day"], None, "three columns: years, months, days"),
         (["#1", "#2"], None, "time.date_order = 'yd'"),
         (["year", "doy"], "dmy", "leave date_order out"),
-        (["year", "month", "day"], "yd", "of two columns"),
-        ("day", "yd", "of two columns"),
+        (["year", "month", "day"], "yd", "to two columns"),
+        ("day", "yd", "to two columns"),
     ],
 )
 def test_two_columns_of_a_date_that_do_not_say_what_they_count_are_refused(
@@ -487,7 +487,7 @@ def test_dates_before_gps_time_began_are_an_error(tmp_path: Path) -> None:
     ("settings", "word"),
     [
         ({"time": {"origin": "calendar"}}, "scale = 'utc'"),
-        ({"time": {"origin": "calendar", "scale": "utc", "unit": "ms"}}, "unit is of numbers"),
+        ({"time": {"origin": "calendar", "scale": "utc", "unit": "ms"}}, "unit applies to numbers"),
         ({"time": {"date_order": "dmy"}}, "origin = 'calendar'"),
         ({"columns": {"date": "d"}}, "time.origin = 'calendar'"),
         ({"columns": {"week": "w"}, "time": {"origin": "unix_epoch"}}, "time.origin = 'gps_week'"),

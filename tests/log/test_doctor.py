@@ -246,7 +246,7 @@ def test_imu_that_ends_first_is_told(case: Case) -> None:
 
 @pytest.mark.parametrize(
     ("lever", "words"),
-    [("", "is not given"), ("lever_arm_m = [-100.0, 0.0, -120.0]", "is meant in metres")],
+    [("", "is not given"), ("lever_arm_m = [-100.0, 0.0, -120.0]", "declare it in metres")],
 )
 def test_ambiguous_lever_arm_is_told(case: Case, lever: str, words: str) -> None:
     case.flight = case.flight.replace("lever_arm_m = [0.0, 0.0, 0.0]", lever)

@@ -172,7 +172,7 @@ def test_heading_of_the_receiver_joins_the_further_samples_of_the_inertial_log()
 
 def test_navigation_files_alone_are_refused(tmp_path: Path) -> None:
     (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message())
-    with pytest.raises(InputError, match="navigation files alone"):
+    with pytest.raises(InputError, match="only navigation files"):
         convert([tmp_path / "brdc.rnx"], tmp_path / "out")
 
 

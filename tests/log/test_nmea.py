@@ -200,7 +200,7 @@ def test_date_is_declared_where_no_sentence_states_it(tmp_path: Path) -> None:
     assert fixes(tmp_path, *texts, date=NOON.date()).t_ns[0] == utc_to_ns(NOON)
     with pytest.raises(TimeError, match=r"states the date(.|\n)*--date"):
         read(tmp_path, *texts)
-    with pytest.raises(InputError, match="no two fixes"):
+    with pytest.raises(InputError, match="fewer than two GNSS fixes"):
         read(tmp_path, rmc(), gga())
 
 

@@ -89,10 +89,7 @@ def test_summary_judges_a_constant_offset_as_the_table_of_errors_does() -> None:
 
     assert f"horizontal errors are {ratio:.2g} times their sigma" in text
     # 0.3 / sqrt(5^2 - 4.99^2)
-    assert (
-        "they are 0.95 times their sigma, here the one without errors that last for minutes (rms 0.949)"
-        in text
-    )
+    assert "they are 0.95 times their sigma without the part of slowly varying errors (rms 0.949)" in text
 
 
 def test_figures_are_those_of_the_tables() -> None:

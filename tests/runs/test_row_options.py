@@ -98,7 +98,7 @@ def test_dates_of_a_file_are_utc_also_in_the_next_week(text: str, tmp_path: Path
         ("time_s\nnan\n", ColumnError, r"times.csv:2"),
         ("time_s\n293800,25\n", ColumnError, r"times.csv:2.*has a comma"),
         ("time_s;x\n293,800;1\n", ColumnError, r"times.csv:2.*has a comma"),
-        ("time_s,x\n\n293800,25,1\n", ColumnError, r"times.csv:3.*3 cells, and the header names 2"),
+        ("time_s,x\n\n293800,25,1\n", ColumnError, r"times.csv:3.*3 cells, but the header names 2"),
         ("293800,25\n293900,5\n", ColumnError, r"times.csv:1: no column"),
         ("1;2\n", ColumnError, r"times.csv:1: no column"),
         ("# a\nutc\n2025-09-24T09:36:22\n", ColumnError, r"times.csv:3, column 'time_s|utc': .* has no zone"),

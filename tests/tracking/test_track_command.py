@@ -82,7 +82,7 @@ def test_command_prints_the_same_numbers_for_any_number_of_threads() -> None:
         (["--integration", "-1"], "at least one integration"),
         (["--time", "nan"], "at least one integration"),
         (["--channels", "0"], "channels"),
-        (["--time", "1e6"], "fill the memory"),
+        (["--time", "1e6"], "need too much memory"),
         (["--seed", "-3"], "invalid seed"),
         (["--order", "5"], "take 1, 2 or 3"),
         (["--spacing", "3"], "see the peak"),

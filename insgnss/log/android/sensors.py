@@ -123,7 +123,7 @@ def _without_drift(found: AndroidCells, rates: Float64) -> tuple[Float64, list[E
     if not 0.0 < np.abs(drift).max() < LARGEST_BIAS_RADPS:
         return rates, []
     shown = " ".join(f"{each:+.3f}" for each in np.rad2deg(drift))
-    detail = f"UncalGyro: the phone's own estimate of the gyros' drift is taken off, on median {shown} deg/s"
+    detail = f"UncalGyro: the phone's own estimate of the gyro drift is subtracted, median {shown} deg/s"
     return rates - drift, [Event(None, "imu_drift_taken_off", detail)]
 
 

@@ -55,8 +55,8 @@ def _array_findings(array: AntennaArray) -> list[Finding]:
     )
     findings = [Finding("ok", "attitude", f"baselines from {array.names[0]}: {lengths}")]
     if array.lengths_m.max() > LONG_BASELINE_M:
-        text = f"a baseline of {array.lengths_m.max():.0f} m"
-        findings.append(Finding("warning", "attitude", text, "lever_arm_m is meant in metres"))
+        text = f"the longest baseline is {array.lengths_m.max():.0f} m"
+        findings.append(Finding("warning", "attitude", text, "declare lever_arm_m in metres"))
     if is_collinear(array):
         text = f"the antennas are on one line: {angle_lost(array)} comes from the inertial sensors alone"
         findings.append(Finding("warning", "attitude", text, "add an antenna off the line to measure it too"))

@@ -244,7 +244,7 @@ def _lever_arm_finding(flight: Flight) -> Finding:
     length = float(np.linalg.norm(lever))
     shown = f"lever arm ({lever[0]:g}, {lever[1]:g}, {lever[2]:g}) m forward, right, down"
     if length > LONG_LEVER_ARM_M:
-        return Finding("warning", "flight", f"{shown} is {length:.0f} m long", "it is meant in metres")
+        return Finding("warning", "flight", f"{shown} is {length:.0f} m long", "declare it in metres")
     if lever[2] > 0.0 and length > 0.0:
         return Finding("ok", "flight", f"{shown}: the antenna is below the IMU")
     return Finding("ok", "flight", shown)

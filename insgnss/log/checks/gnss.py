@@ -115,7 +115,7 @@ def _duplicate_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
     name, code = gnss.sv_names[gnss.sv[example]], gnss.signal_names[gnss.signal[example]]
     rows = len(keys) - len(distinct)
     text = f"{rows} row(s) repeat a satellite and signal within an epoch, first {name} {code}"
-    return [Finding("warning", "gnss", text, "the first of each counts")]
+    return [Finding("warning", "gnss", text, "the first of each is used")]
 
 
 def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Finding]:
@@ -128,7 +128,14 @@ def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Find
     if not unknown:
         return []
     text = f"no frequency channel of {', '.join(sorted(unknown))}: not used"
-    return [Finding("warning", "gnss", text, "give them as gnss.glonass_channels, or GLONASS messages")]
+    return [
+        Finding(
+            "warning",
+            "gnss",
+            text,
+            "declare them as gnss.glonass_channels, or add GLONASS navigation messages",
+        )
+    ]
 
 
 def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Finding]:
@@ -157,9 +164,7 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
     ]
     if without:
         text = f"no current ephemeris for {', '.join(sorted(without))}"
-        findings.append(
-            Finding("warning", "navigation", text, "add navigation files of the hours of the flight")
-        )
+        findings.append(Finding("warning", "navigation", text, "add navigation files that cover the flight"))
     unhealthy = sorted({name for name, h in zip(messages.sv_names, messages.health, strict=True) if h != 0.0})
     if unhealthy:
         findings.append(

@@ -192,7 +192,7 @@ def _bias_findings(
         return []  # a faster one is a roll along the straight
     text = f"{where} the {'xyz'[axis]} gyro reads {rates[axis]:+.2g} deg/s; its grade has a bias of {bias:.2g} deg/s"
     advice = (
-        "a gyro whose calibration is not applied, or another sensor: take its bias off, or give"
+        "a gyro whose calibration is not applied, or another sensor: subtract its bias, or declare"
         f" gyro_bias_deg_per_h = {3600.0 * abs(rates[axis]):.2g} in [imu.grade]"
     )
     return [Finding("warning", "imu", text, advice)]
@@ -270,10 +270,10 @@ def _tilt_finding(f_b: Float64, where: str) -> Finding:
     if axis != 2:
         side = "+" if f_b[axis] > 0.0 else "-"
         text = f"{shown}: the {side}{'xyz'[axis]} axis points up (roll {roll:.1f}, pitch {pitch:.1f} deg)"
-        advice = "right for a vehicle on its tail or side, else exchange imu.axes"
+        advice = "correct for a vehicle on its tail or side; otherwise exchange imu.axes"
         return Finding("warning", "imu", text, advice, kind=VERTICAL_AXIS)
     text = f"{shown}: roll {roll:.2f}, pitch {pitch:.2f} deg"
     if max(abs(roll), abs(pitch)) > LEVEL_TILT_DEG:
-        advice = "give the mounting as imu.mounting_matrix if it is fixed"
+        advice = "if the mounting is fixed, declare it as imu.mounting_matrix"
         return Finding("warning", "imu", f"{text}: tilted {where}", advice, kind=VERTICAL_AXIS)
     return Finding("ok", "imu", text, kind=VERTICAL_AXIS)

@@ -61,9 +61,9 @@ def lever_arm_findings(
     if known and float(np.linalg.norm(found)) > SIGNIFICANT_SIGMAS * float(sd.max()):
         value = (round(float(found[0]), 2), round(float(found[1]), 2), round(float(found[2]), 2))
         proposal = Proposal("gnss.lever_arm_m", value, "estimated from the turns; a measured one is better")
-        return [Finding("warning", "motion", text, "better measured", "likely", (proposal,))]
+        return [Finding("warning", "motion", text, "a measured lever arm is better", "likely", (proposal,))]
     if most < FELT_MPS:
-        return [Finding("ok", "motion", text, "it hardly matters here")]
+        return [Finding("ok", "motion", text, "it hardly matters in this log")]
     return [Finding("ok", "motion", text, "not known well enough to be proposed: measure it")]
 
 

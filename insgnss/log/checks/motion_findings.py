@@ -147,8 +147,8 @@ def _refined(
 
 def _no_motion() -> Finding:
     text = (
-        "no motion above the noise while both logs run: neither forward axis nor gyro unit nor time offset"
-        " can be seen"
+        "no motion above the noise while both logs run: forward axis, gyro unit and time offset are not"
+        " observable"
     )
     return Finding("ok", "motion", text, "log a minute with two turns, or with an acceleration and a stop")
 
@@ -158,7 +158,7 @@ def _unexplained(match: Match) -> Finding:
         f"no hypothesis makes the inertial log fit the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
         " mappings, both gyro units, shifts of 22 s"
     )
-    return Finding("warning", "motion", text, "is it the inertial log of this drive?")
+    return Finding("warning", "motion", text, "check that the inertial log is of this drive")
 
 
 def _unit_findings(declared: AxesDeclaration, best: VehicleAxes, match: Match) -> list[Finding]:

@@ -136,12 +136,12 @@ def _require_whole_weeks(table: CsvTable, log: LogTable, t_ns: Int64) -> None:
         return
     offset_s = 2 * ROLLOVER_WEEKS * NS_PER_WEEK // NS_PER_S
     raise TimeError(
-        f"GPS week {week} is of {ns_to_datetime(week * NS_PER_WEEK):%Y}: the receiver counts weeks modulo"
+        f"GPS week {week} is in {ns_to_datetime(week * NS_PER_WEEK):%Y}: the receiver counts weeks modulo"
         f" {ROLLOVER_WEEKS}",
         file=table.path,
         column=log.columns.week,
         advice=f"add {2 * ROLLOVER_WEEKS} weeks in the file, or write time.offset_s = {offset_s} in the flight file"
-        f" (of logs before April 2019 half of it); for a log that is so old give gps_week in place of columns.week",
+        " (half of that for logs before April 2019); if the log is that old, declare gps_week in place of columns.week",
     )
 
 

@@ -123,10 +123,10 @@ def _at_the_gyros_times(
         spans = [ns_to_week_seconds(each.t_ns[[0, -1]], week) for each in (gyro, accel)]
         gyros, others = (f"{first:.3f} to {last:.3f} s" for first, last in spans)
         raise InputError(
-            f"gyros ({gyros}) and accelerometers ({others}) share no time",
+            f"gyros ({gyros}) and accelerometers ({others}) do not overlap in time",
             file=file,
             key="imu.accel_files",
-            advice="name files of one recording; both count time as [imu.time] says",
+            advice="name files of one recording; [imu.time] applies to both",
         )
     return _RawColumns(table.t_ns, list(table.w_ib_b.T.copy()), list(table.f_b.T.copy())), events
 

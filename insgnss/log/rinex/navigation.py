@@ -127,7 +127,7 @@ def read_navigation(
     if not (found.keplerian or found.states or suffices):
         names = ", ".join(str(path) for path in paths)
         raise NavigationDataError(
-            "no ephemeris that can be used",
+            "no usable ephemeris",
             file=names,
             advice="give the broadcast navigation file of the flight's day",
         )

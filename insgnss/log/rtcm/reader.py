@@ -92,7 +92,7 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
     gnss, events = observation_table(cells, stated_channels(messages), file)
     if not len(gnss.t_ns):
         raise InputError(
-            "the RTCM stream holds no observation that can be used",
+            "the RTCM stream holds no usable observation",
             file=file,
             advice="; ".join(_details(events)),
         )

@@ -156,9 +156,7 @@ def _damage(data: bytes, at: int, resumed: int, *, cut: bool) -> Event:
     if cut and resumed < 0 and data[at + 2] in _SIZES:
         return Event(None, "ulog_cut", f"byte {at}: the file ends within a message")
     goes_on = f"reading goes on at byte {resumed}" if resumed > 0 else "no message follows"
-    return Event(
-        None, "ulog_damaged", f"byte {at}: no message begins here, where the one before it ends; {goes_on}"
-    )
+    return Event(None, "ulog_damaged", f"byte {at}: no message begins where the previous one ends; {goes_on}")
 
 
 def _appended(flags: bytes, after: int) -> list[int]:

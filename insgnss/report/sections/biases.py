@@ -47,7 +47,7 @@ def _clock(run: Run) -> Chart:
     time_s, bias = nav["time_s"].to_numpy(), nav["clock_bias_m"].to_numpy()
     centred = time_s - time_s.mean()
     slope, level = np.polyfit(centred, bias, 1) if len(bias) > 2 else (0.0, float(bias.mean()))
-    rows = ChartRows(["bias less its line, m", "drift, m/s"])
+    rows = ChartRows(["bias minus line, m", "drift, m/s"])
     _band(rows, 0, time_s, bias - (level + slope * centred), nav["sd_clock_bias_m"].to_numpy())
     _band(rows, 1, time_s, nav["clock_drift_mps"].to_numpy(), nav["sd_clock_drift_mps"].to_numpy())
     caption = (
@@ -58,7 +58,7 @@ def _clock(run: Run) -> Chart:
 
 def _optional(run: Run, names: list[str]) -> Chart:
     time_s = run.nav["time_s"].to_numpy()
-    rows = ChartRows(["offset less its median"])
+    rows = ChartRows(["offset minus median"])
     for place, name in enumerate(names):
         values = run.nav[name].to_numpy()
         middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0

@@ -34,8 +34,8 @@ def _over_time(table: pd.DataFrame) -> Chart:
             low, high = (table[f"{sensor}_{axis}_{end}_{unit}"].to_numpy() for end in ("min", "max"))
             rows.add(row, _between(time_s, low, high, words, place, row == 0))
     caption = (
-        "What the sensors measured in body axes, before the filter takes a bias off: from the smallest to the largest"
-        " value of each stretch of time."
+        "What the sensors measured in body axes, before the filter subtracts a bias: the smallest and largest value of"
+        " each interval."
     )
     return rows.chart("chart-imu", "Rates and specific forces", row_px=190, caption=caption)
 
@@ -86,8 +86,8 @@ def _spectrum(table: pd.DataFrame) -> Chart:
         "yaxis2": _log("acc., m/s²/√Hz", _drawn(traces, "y2"), domain=[0.0, 0.47]),
     }
     caption = (
-        "Amplitude spectral density over the whole log, the mean of up to 64 stretches. White noise is level; engines,"
-        " propellers and resonances of the mounting are lines."
+        "Amplitude spectral density over the whole log, the mean over up to 64 intervals. White noise is level;"
+        " engines, propellers and resonances of the mounting are lines."
     )
     return Chart("chart-imu-spectrum", "Spectrum of the inertial sensors", traces, layout, 430, caption)
 

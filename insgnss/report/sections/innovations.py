@@ -219,7 +219,7 @@ def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
     }
     caption = (
         "Grey: the 95 % bounds of the mean if the values were independent; errors that last for seconds (multipath)"
-        " leave them without being a defect. Green lies inside, amber below (too careful), red above (too trusting)."
+        " exceed them without being a defect. Green lies inside, amber below (too careful), red above (too trusting)."
     )
     title = f"Mean NIS by satellite: {words}"
     return Chart(f"chart-nis-{kind}", title, [interval, found], layout, 280, caption)

@@ -41,7 +41,9 @@ def section(run: Run) -> Section | None:
 
 def _told_by_colour(with_gain: bool, with_pattern: bool) -> str:
     if with_pattern:
-        return "the gain of the best antenna; in body axes its whole pattern lies behind the satellites' ways"
+        return (
+            "the gain of the best antenna; in body axes its whole pattern lies behind the satellites' tracks"
+        )
     return "the gain of the best antenna" if with_gain else "whether the satellite was used"
 
 

@@ -36,7 +36,7 @@ imu_time_offset_s: estimated correction to the IMU's tags, to be added to them; 
 sd_imu_time_offset_s: one sigma of it
 mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
   the rows `non_holonomic` of `[vehicle]`
-leeway_deg: angle from heading to course that lasts, of leeway, current or wind; with the rows `course` of `[vehicle]`
+leeway_deg: lasting angle from heading to course, due to leeway, current or wind; with the rows `course` of `[vehicle]`
 sd_mounting_pitch_deg sd_mounting_yaw_deg sd_leeway_deg: one sigma of these
 sd_offset_*_m sd_glonass_bias_m_per_channel sd_zenith_delay_m sd_ionosphere_m: one sigma of these
 gyro_scale_factor_*_ppm accel_scale_factor_*_ppm gyro_misalignment_*_mrad accel_misalignment_*_mrad
@@ -50,14 +50,13 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
 *_iron_x_ut *_iron_y_ut *_iron_z_ut: magnetic field of the vehicle itself at a magnetometer, along forward, right, down
 *_strength_ut: horizontal intensity of the Earth's field beyond `horizontal_ut`
 *_declination_deg: declination beyond `declination_deg`
-*_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
-sd_slow_n_m sd_slow_e_m sd_slow_d_m: the share that errors that last for minutes (orbits and clocks of the messages, the
-  rest of ionosphere and troposphere, reflections) have in sd_n_m sd_e_m sd_d_m: what they do to the position through
-  the filter's gains, by the sizes in `[slow_errors]` and those that residuals show; absent where
-  `process.range_bias_states` makes states of them
-hpl_m vpl_m: protection levels, horizontal and vertical: the risk of `[integrity]` is the probability that the error
-  exceeds them without an alert; infinite where a solution without a satellite does not exist, and where two faults at
-  once spend the risk; with `--integrity`
+*_offset_deg: reading of a heading sensor minus the heading, beyond `offset_deg`
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: part of sd_n_m sd_e_m sd_d_m that slowly varying errors cause through the filter's
+  gains (broadcast orbits and clocks, residual ionosphere and troposphere, multipath), with the sizes in `[slow_errors]`
+  and those that the residuals show; absent with `process.range_bias_states`, which estimates these errors
+hpl_m vpl_m: protection levels, horizontal and vertical: the risk in `[integrity]` is the probability that the error
+  exceeds them without an alert; infinite where a solution without one of the satellites does not exist, and where two
+  faults at once use up the risk; with `--integrity`
 q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
   with `--quaternion`
 cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this
@@ -65,8 +64,8 @@ cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of
 cov_vn_vn_m2ps2 cov_vn_ve_m2ps2 cov_vn_vd_m2ps2 cov_ve_ve_m2ps2 cov_ve_vd_m2ps2 cov_vd_vd_m2ps2: covariance of
   velocity north, east, down
 cov_turn_n_turn_n_deg2 cov_turn_n_turn_e_deg2 cov_turn_n_turn_d_deg2 cov_turn_e_turn_e_deg2
-  cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude's error: the small turns about north, east
-  and down that bring the true attitude to the estimated one
+  cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude error: the small rotations about north, east
+  and down from the true attitude to the estimated one
 point_lat_deg point_lon_deg point_h_m: where the point of the body is, WGS-84; with `--point`, as the next three lines
 point_vn_mps point_ve_mps point_vd_mps: its velocity against the Earth: north, east, down
 sd_point_n_m sd_point_e_m sd_point_d_m: one sigma of its position
@@ -91,7 +90,7 @@ signal: RINEX code, as C1C; empty of a user's own measurement
 kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a further
   sensor ([[sensor]]) or of a user's own measurement; of `[vehicle]` in the flight file non_holonomic, course,
   zero_velocity, zero_rate
-antenna: where there are several: which one an attitude difference is of
+antenna: with several antennas, the antenna of an attitude difference
 innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
   unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
   a filter that is lost
@@ -109,20 +108,20 @@ body_az_deg body_el_deg: direction from the airframe: azimuth from forward to th
 gain_dbi: gain of the best antenna towards it, for circular polarisation; empty where no antenna is described
 cn0_dbhz: C/N0 of the signal that was used, else of its first; empty where the log has none
 state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
-sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T);
-  empty where they were not
+sd_range_m sd_range_rate_mps: sigmas of the range and range rate predicted before the update: sqrt(h P h^T);
+  empty where nothing was predicted
 """
 EVENTS: Final = Sheet(
     "events",
     "event: a gap, a reset, a clock jump, the heading known",
     """
-time_s: seconds of the GPS week; empty for what concerns a whole file
+time_s: seconds of the GPS week; empty if the event concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
   its sigma has fallen to a fifth of the declared one); of further sensors sensor_refused (for ten
   seconds and more), sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap,
   sensor_readings_left_out, sensor_rows_without_reading (other logs share the file), ...; filter_doubted
   (without raw GNSS data: the fixes show three times the inertial noise of the grade), filter_agrees (again)
-detail: the same in a sentence, with numbers
+detail: the event in a sentence, with numbers
 """,
 )
 ERRORS: Final = Sheet(
@@ -135,7 +134,7 @@ d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
 d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
 d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
 sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
-sd_slow_n_m sd_slow_e_m sd_slow_d_m: the share of slow errors in it, as in the navigation table
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: part of it that slowly varying errors cause, as in the navigation table
 sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
 sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
 sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigma, where it states any
@@ -148,47 +147,46 @@ sd_reference_roll_deg sd_reference_pitch_deg sd_reference_yaw_deg: its sigma of 
 _AIDING = """
 time_s: time of use, seconds of the GPS week
 sv: satellite
-range_rate_mps: of the antenna's phase centre, the receiver clock's drift included; positive when the
+range_rate_mps: range rate of the antenna's phase centre, receiver clock drift included; positive when the
   distance grows
 range_acceleration_mps2 range_jerk_mps3: its first and second derivative
 doppler_hz doppler_rate_hz_per_s: at the carrier; RINEX sign, positive when the distance shrinks
 pseudorange_m: predicted, the receiver clock included
-code_delay_rate_s_per_s: rate of the code's delay
+code_delay_rate_s_per_s: rate of the code delay
 sd_range_rate_mps sd_range_acceleration_mps2 sd_range_jerk_mps3: one sigma at the time of use
 sd_doppler_hz sd_doppler_rate_hz_per_s: one sigma at the time of use
 sd_pseudorange_m sd_code_delay_rate_s_per_s: one sigma at the time of use
 age_s: time since the inertial sample it was predicted from
 """
 _BUDGET = """
-time_s: when the sigmas were found, seconds of the GPS week
+time_s: time at which the sigmas were computed, seconds of the GPS week
 sv: satellite
-sd_rate_velocity_mps: part of the range rate's sigma that velocity's uncertainty makes
-sd_rate_attitude_mps: part of attitude and lever arm
-sd_rate_accelerometer_mps: part of the accelerometer
-sd_rate_gyro_mps: part of the gyro
-sd_rate_clock_mps: part of the receiver clock
-sd_rate_satellite_mps: part of the satellite's orbit and clock
-sd_rate_motion_mps: part of the motion since the last inertial sample
-cross_rate_m2ps2: what correlations between the parts add to the variance; negative as a rule
+sd_rate_velocity_mps: part of the range rate's sigma caused by the uncertainty of the velocity
+sd_rate_attitude_mps: part caused by attitude and lever arm
+sd_rate_accelerometer_mps: part caused by the accelerometer
+sd_rate_gyro_mps: part caused by the gyro
+sd_rate_clock_mps: part caused by the receiver clock
+sd_rate_satellite_mps: part caused by the satellite's orbit and clock
+sd_rate_motion_mps: part caused by the motion since the last inertial sample
+cross_rate_m2ps2: contribution of the correlations between the parts to the variance; usually negative
 sd_acceleration_velocity_mps2 sd_acceleration_attitude_mps2 sd_acceleration_accelerometer_mps2: the same
   parts of the acceleration's sigma
 sd_acceleration_gyro_mps2 sd_acceleration_clock_mps2 sd_acceleration_satellite_mps2
   sd_acceleration_motion_mps2: the same parts of the acceleration's sigma
-cross_acceleration_m2ps4: what correlations between the parts add to the acceleration's variance
+cross_acceleration_m2ps4: contribution of the correlations between the parts to the acceleration's variance
 """
 _SUPERVISION = """
 time_s: seconds of the GPS week
 sv: satellite
 state: what the receiver should do: track, hold, control_detection, resume, search, lost; absent without a
   prediction
-decision: whether antenna and airframe let it be seen: visible, hidden, or either while uncertain
+decision: visible from the antennas past the airframe: visible, hidden, or either while uncertain
 receiver: whether the receiver's log has a pseudorange: present, missing, not_known
 el_deg: elevation above the local level
-gain_dbi sd_gain_db: gain of the best antenna, for circular polarisation, and its sigma, from that of the
-  attitude
+gain_dbi sd_gain_db: gain of the best antenna, for circular polarisation, and its sigma due to the attitude
 cn0_dbhz: expected C/N0
 pseudorange_m doppler_hz: what the receiver would measure, its clock included
-sd_range_m sd_range_rate_mps: sqrt(D), D = h P h^T of the prior: how well they are predicted
+sd_range_m sd_range_rate_mps: sigmas of the predicted range and range rate: sqrt(D), D = h P h^T of the prior
 within_aperture: whether three sigmas stay inside the discriminator's aperture
 delay_half_width_chips doppler_half_width_hz: half widths of the search window
 delay_cells doppler_bins: cells of the window in delay and Doppler
@@ -197,10 +195,10 @@ accumulation_s search_s: time of one accumulation and of the whole search; infin
 _TRANSITIONS = """
 time_s: seconds of the GPS week
 sv: satellite
-from_state to_state: of the channel
-reason: why: hidden, visible_again, signal_lost, detected, pulled_in, ...
+from_state to_state: state of the channel before and after
+reason: reason of the change: hidden, visible_again, signal_lost, detected, pulled_in, ...
 pseudorange_m doppler_hz: predicted at the transition, the receiver clock included
-sd_range_m sd_doppler_hz: how well
+sd_range_m sd_doppler_hz: sigmas of these predictions
 accumulation_s: time of one accumulation; infinite where none suffices
 delay_cells doppler_bins: cells of the search window in delay and Doppler
 search_s: time of the whole search; infinite where none suffices
@@ -209,14 +207,15 @@ _SEARCH = """
 sv: satellite
 predicted_s: time with a prediction
 hold_s: time held while hidden
-control_s search_s: time in detections at the predicted place, and in search
-in_vain_s: of both: failed or broken off
-unsupervised_s unsupervised_in_vain_s: what a receiver without attitude would have searched; of it while
-  there was nothing to be found
+control_s search_s: time spent on detections at the predicted delay and Doppler, and on searches
+in_vain_s: part of both that failed or was broken off
+unsupervised_s unsupervised_in_vain_s: search time of a receiver without attitude, and the part of it during which
+  there was no signal to find
 n_events n_agree n_differ n_not_covered: events in the receiver's own log, and how they compare; only with
   such a log
-receiver_search_s receiver_inhibited_s receiver_needless_s: search by the receiver's own log; of it while
-  hidden, and while the signal was expected at the predicted place; only with such a log
+receiver_search_s receiver_inhibited_s receiver_needless_s: search time in the receiver's own log, and the parts of it
+  while the satellite was hidden, and while the signal was expected at the predicted delay and Doppler; only with such a
+  log
 """
 _RECEIVER = """
 time_s: seconds of the GPS week
@@ -224,11 +223,11 @@ sv: satellite
 event: lock, loss, search or detection
 supervisor: the supervisor's state at that moment
 verdict: agrees, not_covered, or how they differ
-lag_s: the receiver's event after the supervisor's change of state
+lag_s: delay of the receiver's event after the supervisor's change of state
 """
 _FILTERED = """
 time_s: seconds of the GPS week
-lat_deg lon_deg h_m: position, as in the navigation table, by the filter alone
+lat_deg lon_deg h_m: position, as in the navigation table, estimated by the filter alone
 vn_mps ve_mps vd_mps: velocity
 roll_deg pitch_deg yaw_deg: attitude
 sd_n_m sd_e_m sd_d_m sd_vn_mps sd_ve_mps sd_vd_mps sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of each
@@ -237,22 +236,23 @@ _IMU = """
 time_s: seconds of the GPS week: the first sample of a stretch of the log
 gyro_x_min_degps gyro_y_min_degps gyro_z_min_degps gyro_x_max_degps gyro_y_max_degps gyro_z_max_degps: smallest
   and largest rate in it, as logged, along forward, right, down
-accel_x_min_mps2 accel_y_min_mps2 accel_z_min_mps2 accel_x_max_mps2 accel_y_max_mps2 accel_z_max_mps2: the same of
+accel_x_min_mps2 accel_y_min_mps2 accel_z_min_mps2 accel_x_max_mps2 accel_y_max_mps2 accel_z_max_mps2: the same for
   the specific force
 """
 _SPECTRUM = """
-frequency_hz: up to half of the rate
+frequency_hz: frequency, up to half of the sampling rate
 gyro_x_degps_per_sqrt_hz gyro_y_degps_per_sqrt_hz gyro_z_degps_per_sqrt_hz: amplitude spectral density of the
   rate, along forward, right, down
-accel_x_mps2_per_sqrt_hz accel_y_mps2_per_sqrt_hz accel_z_mps2_per_sqrt_hz: of the specific force
+accel_x_mps2_per_sqrt_hz accel_y_mps2_per_sqrt_hz accel_z_mps2_per_sqrt_hz: amplitude
+  spectral density of the specific force
 """
 _INTEGRITY: Final = """
-fault: satellite, letter of the constellation, or letters of two constellations ("E+G"), that the sub-filter is without
-probability: of the fault, from `[integrity]`; of a constellation with that of two of its satellites
-time_s: when the separation was largest against its limit, seconds of the GPS week
-axis: n, e or d: along which it was
-separation_m: solution of the sub-filter minus the solution, at that time and along that axis
-limit_m: that the separation exceeds without a fault with the probability of a false alert
+fault: what the sub-filter excludes: a satellite, a constellation (its letter) or two constellations ("E+G")
+probability: probability of the fault, from `[integrity]`; for a constellation, faults of two of its satellites included
+time_s: time at which the separation was largest relative to its limit, seconds of the GPS week
+axis: axis of this separation: n, e or d
+separation_m: solution of the sub-filter minus the full solution, at that time and along that axis
+limit_m: limit of the separation: without a fault it is exceeded with the probability of a false alert
 alert_rows: navigation rows in which a separation was beyond its limit
 rows_without: navigation rows for which the sub-filter has no solution
 """

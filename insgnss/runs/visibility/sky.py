@@ -64,7 +64,7 @@ def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> 
     azimuth, elevation, _ = pymap3d.ecef2aer(*place.T, lat, lon, h, deg=False)
     if not np.isfinite(elevation).any():
         raise NavigationDataError(
-            "no satellite has a message of the time of the trajectory",
+            "no navigation message covers the time of the trajectory",
             advice="check gps_week and the date of the navigation files",
         )
     return SatelliteDirections(names, np.asarray(azimuth).reshape(n, s), np.asarray(elevation).reshape(n, s))

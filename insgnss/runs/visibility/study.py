@@ -205,7 +205,7 @@ def _uncertain(
     t_ns = int(attitude.t_ns[counted.any(axis=1).argmax()])
     words = {"keep": "kept where seen before", "hide": "hidden", "deweight": "kept where seen before"}
     detail = (
-        f"{counted.sum()} of {above.sum()} decisions too near to the edge of what the antennas see:"
+        f"{counted.sum()} of {above.sum()} decisions too close to the limit of what the antennas see:"
         f" {words[settings.uncertain]}"
     )
     return [Event(t_ns, "masking_uncertain", detail)]
@@ -228,7 +228,11 @@ def _blind_spells(t_ns: Int64, above: Bool, seen: Bool) -> list[Event]:
     """Report where fewer than four satellites are seen though more are above the elevation mask."""
     few = (seen.sum(axis=1) < _FEWEST) & (above.sum(axis=1) >= _FEWEST)
     return [
-        Event(begin, "few_satellites_seen", f"fewer than four for {(end - begin) / NS_PER_S:.1f} s")
+        Event(
+            begin,
+            "few_satellites_seen",
+            f"fewer than four satellites visible for {(end - begin) / NS_PER_S:.1f} s",
+        )
         for begin, end in _spells(t_ns, few)
     ]
 
