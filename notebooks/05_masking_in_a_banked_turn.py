@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 05 Masking in a banked turn
 #
-# **Question.** What do satellites that a bank hides cost a tightly coupled filter, and what does it gain from knowing
-# with its attitude that they are hidden?
+# **Question.** What position error do satellites hidden by a bank cause in a tightly coupled filter, and what does
+# the filter gain if it finds from its attitude that they are hidden?
 #
 # The scenario is that of A. I. Sokolov and Yu. S. Yurchenko, *Use of spatial information in integrated
 # inertial-satellite navigation systems of aircraft* (Izvestiya SPbGETU "LETI", 2015): eleven satellites, of which a

@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 07 Discriminators and loops
 #
-# **Question.** Do the closed forms of a discriminator and a bandwidth tell what a tracking loop does, and where do they
-# end?
+# **Question.** How well do the closed forms of discriminator and bandwidth predict a tracking loop, and where do they
+# fail?
 #
 # A loop is designed with three numbers: the slope of its discriminator, the variance of its noise, and a bandwidth.
 #

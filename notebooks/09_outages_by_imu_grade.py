@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 09 Outages by IMU grade
 #
-# **Question.** How far does the solution drift when GNSS is gone for half a minute, by the grade of the IMU, and does
-# the filter's sigma say so?
+# **Question.** How far does the solution drift during half a minute without GNSS, for each grade of IMU, and does the
+# filter's sigma agree with the drift?
 #
 # Without measurements the errors that are left at the beginning of the outage grow with time: velocity, what is not
 # known of the accelerometer's bias and of the tilt, and of the gyro's bias,

@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 10 Attitude from three antennas
 #
-# **Question.** How well do three antennas a metre apart tell roll, pitch and yaw, and from how far off does each method
-# find them?
+# **Question.** How accurately do three antennas a metre apart measure roll, pitch and yaw, and from which initial error
+# does each method converge?
 #
 # The carrier phase of satellite $n$ at antenna $m$, less that at the first antenna, is
 #

@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 12 One stage or two
 #
-# **Question.** Which receiver holds lock until which C/N0 in a manoeuvre of 5 g: channels of their own, channels that
-# an inertial system aids, or one filter that takes every discriminator as a measurement?
+# **Question.** Down to which C/N0 does each receiver hold lock in a manoeuvre of 5 g: independent channels, channels
+# aided by an inertial system, or one filter that uses every discriminator as a measurement?
 #
 # Two stages: each channel follows its signal with a loop, $[R, V]$, which the inertial system tells the radial
 # acceleration; every 0.1 s the navigation filter takes the channels' estimates. One stage: the replicas are the

@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 14 Errors that last
 #
-# **Question.** Orbits, clocks and air put the same error into a satellite's range for minutes: does the filter's sigma
-# of the position say so, and what does it cost to make it say so?
+# **Question.** Errors of orbits, clocks and atmosphere in a satellite's range last for minutes: does the filter's
+# position sigma include them, and what does that cost?
 #
 # A filter with white range errors averages them: after $n$ epochs its sigma has fallen by $\sqrt n$, the error has not.
 # With the errors that last,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import Pictures
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import telling
@@ -46,7 +47,7 @@ def allan(
             "--accel-unit", help="Unit of a CSV log's accelerometers: m/s^2, g, mg, cm/s^2, m/s, g*s."
         ),
     ] = "m/s^2",
-    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FlightFile
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling
 
@@ -17,7 +18,7 @@ _FAILED = 3  # the exit code of an input error, as when replay meets it
 
 
 def check(
-    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    flight: FlightFile,
     as_json: AsJson = False,
     write: Annotated[
         Path | None,

@@ -10,6 +10,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import tell_end
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
@@ -51,8 +52,7 @@ def compare(
         print_json({**comparison.as_json(), "wrote": page})
         return
     result_console().print(_table(comparison))
-    where = f"wrote {page}" if page is not None else "nothing was written (no --output)"
-    typer.echo(f"read {len(runs)} runs; {where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, page, f"read {len(runs)} runs; ")
 
 
 def _names(paths: list[Path]) -> list[str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import Pictures, SavedRun, StudyFolder, tell_end
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, check_files, run_files
 from insgnss.cli.progress import telling
@@ -22,11 +22,8 @@ if TYPE_CHECKING:
 
 
 def consistency(
-    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
-    ] = None,
+    run: SavedRun,
+    output: StudyFolder = None,
     confidence: Annotated[
         float, typer.Option("--confidence", help="Probability that a consistent filter is within each bound.")
     ] = 0.99,
@@ -39,7 +36,7 @@ def consistency(
             "--from", help="Start time in seconds of the week; by default when the heading becomes known."
         ),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -66,8 +63,7 @@ def consistency(
                              ("rms", "mean_sigma", "nees", "low", "high")))  # fmt: skip
     for sentence in study.verdict:
         console.print(f"- {sentence}", highlight=False, markup=False, soft_wrap=True)
-    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
-    typer.echo(f"from {study.asked['from_s']:.1f} s on; {where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, output, f"from {study.asked['from_s']:.1f} s on; ")
 
 
 def _table(title: str, key: str, values: pd.DataFrame, columns: tuple[str, ...]) -> Table:

@@ -9,13 +9,14 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import SavedRun
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.results.saving import EXPORT_KIND, check_file_replaceable, overwriting
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
+    run: SavedRun,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")],
     format: Annotated[
         str | None,

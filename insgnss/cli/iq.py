@@ -11,6 +11,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import Pictures, StudyFolder
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import telling
@@ -40,11 +41,8 @@ def iq(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", min=1, help="Receivers at the same time.")] = 2,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    output: StudyFolder = None,
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

@@ -10,12 +10,12 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FormatName, Pictures, StudyFolder, table_form, tell_end
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.margin_flown import flown_study
 from insgnss.cli.option_guard import refuse_given
 from insgnss.cli.overwriting import Force, check_files, run_files
 from insgnss.cli.progress import counting
-from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 from insgnss.results.matplotlib_figure import save_figure
 from insgnss.results.saving import PICTURE_KIND, overwriting
@@ -103,15 +103,12 @@ def margin(
         bool, typer.Option("--simulate", help="Also find the thresholds of the discriminators by simulation.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")] = 1,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
-    ] = None,
+    output: StudyFolder = None,
     step: Annotated[
         float, typer.Option("--step", help="Seconds between two epochs of the run; 0: all.")
     ] = 1.0,
-    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    format: FormatName = "parquet",
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -149,8 +146,7 @@ def margin(
     if as_json:
         print_json({**answer, "wrote": [str(path) for path in written]})
         return
-    where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
-    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, ", ".join(str(p) for p in written) or None)
 
 
 def _inputs(run: Path | None, emitters: str | None) -> list[Path]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FlightFile, Pictures, StudyFolder, tell_end
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in
@@ -30,7 +30,7 @@ _ADVICE = "give one of --window FROM:UNTIL, --every, --random, --bank"
 
 def outage(
     context: typer.Context,
-    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    flight: FlightFile,
     window: Annotated[
         list[str] | None,
         typer.Option("--window", help="FROM:UNTIL in seconds of the week; repeatable."),
@@ -68,11 +68,8 @@ def outage(
     ] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and picture; without it nothing is saved."),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    output: StudyFolder = None,
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -110,8 +107,7 @@ def outage(
         print_json({**answer, "wrote": output})
         return
     _print(study)
-    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
-    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, output)
 
 
 def _windows(

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FlightFile, FormatName, StudyFolder, table_form, tell_end
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import compiling, telling
-from insgnss.cli.table_form import table_form
 from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
@@ -27,11 +26,8 @@ _MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m",
 
 
 def point(
-    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for the tables; without it nothing is saved."),
-    ] = None,
+    flight: FlightFile,
+    output: StudyFolder = None,
     filter: FilterName = "tight",
     settings: Settings = None,
     false_alarm: Annotated[
@@ -44,7 +40,7 @@ def point(
             help="Probability of missed detection of a fault that exceeds the protection level.",
         ),
     ] = 1e-3,
-    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    format: FormatName = "parquet",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -76,8 +72,7 @@ def point(
         print_json({**_digest(loaded.name, run), "files_read": n_read, "wrote": output})
         return
     _print_summary(result_console(), loaded.name, run)
-    where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
-    typer.echo(f"read {n_read} files{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, output, f"read {n_read} files; ")
 
 
 def _digest(name: str, run: PointRun) -> dict[str, Any]:

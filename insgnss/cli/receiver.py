@@ -11,6 +11,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import Pictures, StudyFolder, tell_end
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in, numbers_in
 from insgnss.cli.option_guard import refuse_given
@@ -103,11 +104,8 @@ def receiver(
             "--masking", help="Leave out satellites that the antenna does not see at the filter's attitude."
         ),
     ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    output: StudyFolder = None,
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -166,8 +164,7 @@ def receiver(
     if emitters is None:
         console.print(_thresholds(study.thresholds))
     typer.echo(_averaged(study))
-    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
-    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, output)
 
 
 def _averaged(study: ReceiverStudy) -> str:

@@ -15,13 +15,13 @@ from rich.table import Table
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form, tell_end
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force, check_files
 from insgnss.cli.progress import compiling, telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
-from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.report.digest import digest
 from insgnss.report.epochs import pseudoranges_used
@@ -35,10 +35,8 @@ _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
 
 
 def replay(
-    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the run; without it nothing is saved.")
-    ] = None,
+    flight: FlightFile,
+    output: RunFolder = None,
     filter: FilterName = "tight",
     settings: Settings = None,
     rate: Rate = "gnss",
@@ -59,10 +57,8 @@ def replay(
             "--aiding", help="Also predict Doppler and code for the tracking loops, at this rate in Hz."
         ),
     ] = None,
-    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    report: Annotated[
-        Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
-    ] = None,
+    format: FormatName = "parquet",
+    report: RunPage = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -119,8 +115,7 @@ def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_j
         print_json({**digest(run), "files_read": len(flight.files()), "wrote": written})
         return
     _print_summary(flight, run)
-    where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
-    typer.echo(f"read {len(flight.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, " and ".join(written) or None, f"read {len(flight.files())} files; ")
 
 
 def _print_summary(flight: Flight, run: Run) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import SavedRun
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
@@ -16,7 +17,7 @@ from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwritin
 
 
 def report(
-    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
+    run: SavedRun,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="The page; by default report.html in the run's folder."),

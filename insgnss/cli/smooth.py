@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
@@ -16,17 +13,14 @@ from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
-from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.results.saving import overwriting
 from insgnss.runs.replay import replay as run_replay
 
 
 def smooth(
-    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the run; without it nothing is saved.")
-    ] = None,
+    flight: FlightFile,
+    output: RunFolder = None,
     filter: FilterName = "tight",
     settings: Settings = None,
     rate: Rate = "gnss",
@@ -35,10 +29,8 @@ def smooth(
     quaternion: Quaternion = False,
     covariance: Covariance = False,
     integrity: Integrity = False,
-    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    report: Annotated[
-        Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
-    ] = None,
+    format: FormatName = "parquet",
+    report: RunPage = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

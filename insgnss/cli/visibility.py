@@ -10,11 +10,11 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.file_options import FormatName, Pictures, StudyFolder, table_form, tell_end
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, check_files, run_files
 from insgnss.cli.progress import telling
-from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 from insgnss.results.saving import PICTURE_KIND, overwriting
 
@@ -34,10 +34,7 @@ def visibility(
         str | None,
         typer.Option("--antenna", "-a", help="Name of a gain pattern in the library, or a file (.csv)."),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
-    ] = None,
+    output: StudyFolder = None,
     filter: FilterName = "tight",
     settings: Settings = None,
     threshold: Annotated[
@@ -50,8 +47,8 @@ def visibility(
     step: Annotated[
         float, typer.Option("--step", help="Seconds between two evaluated attitudes; 0: all.")
     ] = 1.0,
-    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    format: FormatName = "parquet",
+    pictures: Pictures = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -93,8 +90,7 @@ def visibility(
     console.print(_dop_line(study), highlight=False)
     for _, event in study.events.iterrows():
         console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
-    where = f"wrote {output}" if written else "nothing was written (no --output)"
-    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+    tell_end(began, output if written else None)
 
 
 def _satellite_table(study: VisibilityStudy) -> Table:

@@ -85,7 +85,7 @@ def _possible_rows(table: CsvTable, config: Reference) -> tuple[Int64, list[Even
     line, reason = int(table.line[bad[0]]), f"{place[bad[0], k]:g} is not {what}"
     if len(bad) > min(most_bad_rows(table.n), table.n - 1):
         raise ColumnError(
-            f"{reason}; so are {len(bad)} of {table.n} rows",
+            f"{reason}; {len(bad)} of {table.n} rows have such values",
             file=config.file,
             line=line,
             column=names[k],

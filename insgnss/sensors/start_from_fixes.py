@@ -100,7 +100,9 @@ class StartFromFixes:
         )
         attitudes = self._at_rest(imu, place, int(table.t_ns[first]), way)
         how = "at rest" if attitudes else f"at {speed:.1f} m/s"
-        return TimedStart(t_ns, state, f"from two fixes of '{config.label}', {how}; heading open", attitudes)
+        return TimedStart(
+            t_ns, state, f"from two fixes of '{config.label}', {how}; heading unknown", attitudes
+        )
 
     def _at_rest(
         self, imu: ImuSamples, place: Float64, first_ns: int, way: MeasuredVelocity

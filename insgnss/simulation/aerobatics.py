@@ -51,7 +51,8 @@ class LoopFigure:
                 f"take a radius of at least {ramp_s * speed_mps / (2.0 * math.pi):.0f} m, or a shorter ramp_s"
             )
             raise ConfigError(
-                f"a loop of {radius_m:g} m at {speed_mps:g} m/s is over while its pull begins", advice=advice
+                f"a loop of {radius_m:g} m at {speed_mps:g} m/s ends before its pull-up is complete",
+                advice=advice,
             )
         return cls(rate, duration, ramp_s, 1.0 if top_speed_mps is None else top_speed_mps / speed_mps)
 

@@ -16,7 +16,7 @@ def heading_single(bank: Bank) -> Event:
 
 def heading_open(bank: Bank, sd_deg: float) -> Event:
     """Return the event that a heading which counted as known is open again; ``sd_deg`` is what its sigma was then."""
-    many = f"{len(bank.state)} headings are open"
+    many = f"{len(bank.state)} heading hypotheses"
     return _event(bank, "heading_open", f"the heading's sigma has grown to {sd_deg:.0f} deg: {many}")
 
 

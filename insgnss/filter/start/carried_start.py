@@ -190,7 +190,7 @@ def _in_words(kept: CarriedState, fix: Fix, attitudes: list[StartAttitude], park
     how = "parked before and after" if parked else "position, velocity and clock from a fix"
     yaw = f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
     if len(attitudes) > 1:
-        yaw = f"{len(attitudes)} headings are open"
+        yaw = f"{len(attitudes)} heading hypotheses"
     detail = (
         f"{away:.1f} s after the last sample before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
     )

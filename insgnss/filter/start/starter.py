@@ -172,7 +172,7 @@ class Starter:
         speed = float(np.linalg.norm(v_a))
         how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
         heading = (
-            f"{len(attitudes)} headings are open"
+            f"{len(attitudes)} heading hypotheses"
             if len(attitudes) > 1
             else f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
         )

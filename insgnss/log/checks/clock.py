@@ -1,4 +1,4 @@
-"""How the receiver's clock behaves: left alone, moved by jumps, or steered; do both its drifts agree."""
+"""How the receiver's clock behaves: not steered, moved by jumps, or steered; do both its drifts agree."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _kind(clock_m: Float64, by_jumps_m: Float64, drift_mps: float, span_s: float
     wandered = float(np.ptp(clock_m))
     if wandered < STEERED_M and abs(float(np.median(clock_m))) < STEERED_M:
         return "steered to GPS time" if abs(drift_mps) * span_s > 2.0 * STEERED_M else "near GPS time"
-    return "left alone"
+    return "not steered"
 
 
 def _agreement(change: Float64, step_s: Float64, mean: Float64) -> list[Finding]:
