@@ -11,6 +11,7 @@ import pandas as pd
 
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of
+from insgnss.results.nav_columns import EVENT
 from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 
@@ -28,9 +29,7 @@ def as_geojson(run: Run) -> bytes:
     features[0]["properties"]["name"] = name_of(run)
     if len(nav) == 1:  # a line needs two points
         features[0]["geometry"] = {"type": "Point", "coordinates": places[0]}
-    for time_s, kind, detail in zip(
-        *(run.events[c].tolist() for c in ("time_s", "kind", "detail")), strict=True
-    ):
+    for time_s, kind, detail in zip(*(run.events[c].tolist() for c in EVENT), strict=True):
         if times[0] <= time_s <= times[-1]:
             row = int(np.abs(times - time_s).argmin())
             point = {"type": "Point", "coordinates": places[row]}

@@ -13,6 +13,7 @@ import pandas as pd
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of, sentences
 from insgnss.report.xml_text import xml_bytes
+from insgnss.results.nav_columns import EVENT
 from insgnss.runs.result import Run
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
@@ -87,9 +88,7 @@ def _points(document: ET.Element, run: Run, nav: pd.DataFrame, dates: list[str])
     """Add start, end, and the events inside the run at the nearest row."""
     times = nav["time_s"].to_numpy()
     points = [("start", "", 0), ("end", "", len(nav) - 1)]
-    for time_s, kind, detail in zip(
-        *(run.events[c].tolist() for c in ("time_s", "kind", "detail")), strict=True
-    ):
+    for time_s, kind, detail in zip(*(run.events[c].tolist() for c in EVENT), strict=True):
         if times[0] <= time_s <= times[-1]:
             points.append((kind, detail, int(np.abs(times - time_s).argmin())))
     for name, detail, row in points:

@@ -9,6 +9,7 @@ import numpy as np
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.report.sentences import name_of
+from insgnss.results.nav_columns import PLACE
 from insgnss.runs.columns.sheet import unit_of
 from insgnss.runs.result import Run
 from insgnss.version import __version__
@@ -41,7 +42,6 @@ _CF: Final[dict[str, dict[str, str]]] = {
     "pitch_deg": {"standard_name": "platform_pitch_fore_up"},
     "yaw_deg": {"standard_name": "platform_yaw_fore_starboard"},
 }
-_PLACE: Final = ("lat_deg", "lon_deg", "h_m")
 
 
 def as_netcdf(run: Run) -> bytes:
@@ -69,7 +69,7 @@ def as_dataset(run: Run) -> xr.Dataset:
     week, nav = gps_week(run), run.nav_with(sea_level=True, heading=True)
     variables = {str(name): ("time", column.to_numpy(), _about(str(name))) for name, column in nav.items()}
     times = utc_dates(nav["time_s"].to_numpy(), week)
-    coordinates: dict[str, Any] = {name: variables.pop(name) for name in _PLACE}
+    coordinates: dict[str, Any] = {name: variables.pop(name) for name in PLACE}
     coordinates["time"] = ("time", times, {"standard_name": "time", "long_name": "UTC", "axis": "T"})
     trajectory = ((), name_of(run), {"cf_role": "trajectory_id", "long_name": "name of the flight"})
     about = {

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from insgnss.results.nav_columns import VELOCITY
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
@@ -81,7 +82,7 @@ def _body_motion(nav: pd.DataFrame) -> tuple[Float64, Float64]:
     if n < 2:
         return np.zeros((n, 3)), np.zeros((n, 3))
     C_nb = Rotation.from_euler("ZYX", nav[["yaw_deg", "pitch_deg", "roll_deg"]].to_numpy(), degrees=True)
-    a_n = np.gradient(nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(), time_s, axis=0)
+    a_n = np.gradient(nav[list(VELOCITY)].to_numpy(), time_s, axis=0)
     turns = (C_nb[:-1].inv() * C_nb[1:]).as_rotvec() / np.diff(time_s)[:, None]
     # of a row: the mean of the steps before and after it
     rate = 0.5 * (np.vstack([turns[:1], turns]) + np.vstack([turns, turns[-1:]]))

@@ -11,6 +11,7 @@ from insgnss.errors import ResultError
 from insgnss.report.epochs import used_at
 from insgnss.report.labels import distance, duration, number
 from insgnss.report.run_time import gps_week, utc
+from insgnss.results.nav_columns import POSITION
 from insgnss.runs.agreement import heading_of, times_their_sigma
 from insgnss.runs.reference_errors import noise_variance
 from insgnss.runs.result import Run
@@ -181,7 +182,7 @@ def _slow(table: pd.DataFrame) -> list[str]:
 
 def constant_offset(errors: pd.DataFrame) -> dict[str, float] | None:
     """Return the median error of the position where it is five times its variation, else None [m]."""
-    position = errors[["d_n_m", "d_e_m", "d_d_m"]].dropna()
+    position = errors[[f"d_{name}" for name in POSITION]].dropna()
     median = position.median()
     rest = float(np.sqrt(((position - median) ** 2).sum(axis=1).mean()))
     if len(position) < _ENOUGH or not float(np.sqrt((median**2).sum())) > _CONSTANT * rest:

@@ -27,6 +27,7 @@ import pandas as pd
 from insgnss.errors import ResultError
 from insgnss.filter.output.further_columns import QUATERNION
 from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
+from insgnss.results.nav_columns import ATTITUDE, PLACE, POSITION, VELOCITY
 from insgnss.runs.datum import GPS_WEEK
 from insgnss.runs.wanted_times import WANTED, about, week_seconds
 from insgnss.tables import Bool, Float64, Int64
@@ -35,10 +36,6 @@ _GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by mor
 _LONGEST_S: Final = 5.0  # of any step: a vehicle does what it likes in it
 _SHARE: Final = 0.125
 _SHARE_POSITION: Final = 1.0 / 64.0
-_PLACE: Final = ("lat_deg", "lon_deg", "h_m")
-_VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
-_ATTITUDE: Final = ("roll_deg", "pitch_deg", "yaw_deg")
-_SD_PLACE: Final = ("n_m", "e_m", "d_m")
 _NAMED: Final = 3  # of the refused times
 _TOLERANCE_S: Final = 1e-6
 _ADVICE: Final = (
@@ -136,7 +133,7 @@ def _filled_in(
     t = nav["time_s"].to_numpy()
     lost = np.zeros((len(found), 3))
     for point in ("", "point_"):
-        names = [f"{point}{name}" for name in (*_PLACE, *_VELOCITY)]
+        names = [f"{point}{name}" for name in (*PLACE, *VELOCITY)]
         if names[0] not in nav:
             continue
         r_e, C_ne = places_of(nav[names[:3]].to_numpy())
@@ -150,19 +147,19 @@ def _filled_in(
         change = _changes(t, np.diff(v_e, axis=0))[before]
         lost[:, 1] = np.maximum(lost[:, 1], _SHARE_POSITION * change * span**2)
         lost[:, 2] = np.maximum(lost[:, 2], _SHARE * change * span)
-        _widen(found, [f"sd_{point}{name}" for name in _SD_PLACE], u, _SHARE_POSITION * change * span**2)
-        _widen(found, [f"sd_{point}{name}" for name in _VELOCITY], u, _SHARE * change * span)
-    C_en = places_of(nav[list(_PLACE)].to_numpy())[1].transpose(0, 2, 1)
-    C_eb = Rotation.from_matrix(C_en @ attitudes_of(nav[list(_ATTITUDE)].to_numpy()))
+        _widen(found, [f"sd_{point}{name}" for name in POSITION], u, _SHARE_POSITION * change * span**2)
+        _widen(found, [f"sd_{point}{name}" for name in VELOCITY], u, _SHARE * change * span)
+    C_en = places_of(nav[list(PLACE)].to_numpy())[1].transpose(0, 2, 1)
+    C_eb = Rotation.from_matrix(C_en @ attitudes_of(nav[list(ATTITUDE)].to_numpy()))
     turn = (C_eb[after] * C_eb[before].inv()).as_rotvec()
-    C_now = places_of(found[list(_PLACE)].to_numpy())[1]
+    C_now = places_of(found[list(PLACE)].to_numpy())[1]
     C_nb = Rotation.from_matrix(C_now) * Rotation.from_rotvec(u * turn) * C_eb[before]
-    found[list(_ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
+    found[list(ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
     if QUATERNION[0] in nav:
         found[list(QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
     steps = (C_eb[1:] * C_eb[:-1].inv()).as_rotvec(degrees=True) if len(nav) > 1 else np.zeros((0, 3))
     lost[:, 0] = _SHARE * _changes(t, steps)[before] * span
-    _widen(found, [f"sd_{name}" for name in _ATTITUDE], u, lost[:, 0])
+    _widen(found, [f"sd_{name}" for name in ATTITUDE], u, lost[:, 0])
     return lost
 
 

@@ -34,6 +34,7 @@ from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
+from insgnss.results.nav_columns import ATTITUDE
 from insgnss.results.saving import saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
@@ -257,7 +258,7 @@ def _errors(table: pd.DataFrame, logs: FlightLogs, week: int) -> pd.DataFrame | 
         return None
     trusted = table["verdict"].str.startswith(TRUSTED) & table["lat_deg"].notna()
     nav = table[trusted].copy()
-    for name in ("roll_deg", "pitch_deg", "yaw_deg"):
+    for name in ATTITUDE:
         nav[name] = nav[f"sd_{name}"] = np.nan
     errors = errors_against(nav, logs.reference, week, None)
     return errors.drop(columns=[name for name in errors.columns if name.endswith("_deg")])

@@ -15,6 +15,7 @@ from insgnss.gnss.observation_rows import ABSENT
 from insgnss.gnss.point import integrity
 from insgnss.gnss.point.rows import PointLog, PointRows
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.results.nav_columns import PLACE
 from insgnss.results.table_files import words
 from insgnss.runs.result_tables import status_words
 from insgnss.status import INCONSISTENT
@@ -41,9 +42,7 @@ def point_table(
     C_ne = ned_axes(place)
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows.epoch_ns, week)}
     columns |= {f"{axis}_m": out.r_e[:, i] for i, axis in enumerate("xyz")}
-    columns |= dict(
-        zip(("lat_deg", "lon_deg", "h_m"), (place / [RAD_PER_DEG, RAD_PER_DEG, 1.0]).T, strict=True)
-    )
+    columns |= dict(zip(PLACE, (place / [RAD_PER_DEG, RAD_PER_DEG, 1.0]).T, strict=True))
     v_n = np.einsum("kij,kj->ki", C_ne, out.v_e)
     columns |= {f"v{axis}_mps": v_n[:, i] for i, axis in enumerate(_AXES)}
     columns |= _covariances(C_ne @ out.P[:, :3, :3] @ C_ne.transpose(0, 2, 1), "{}_m", "cov_{}_m2")

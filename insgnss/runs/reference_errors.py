@@ -7,6 +7,7 @@ import pandas as pd
 import pymap3d
 
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.results.nav_columns import ATTITUDE, COMPONENTS, PLACE, VELOCITY
 from insgnss.runs.result_tables import interpolated
 from insgnss.tables import Float64, Int64, ReferenceTable
 
@@ -27,29 +28,26 @@ def errors_against(
     inside = _covered(t_ns, reference.t_ns)
     nav, t_ns = nav[inside], t_ns[inside]
     r_e = _reference_positions(reference, t_ns)
-    lat, lon, h = (nav[c].to_numpy() for c in ("lat_deg", "lon_deg", "h_m"))
+    lat, lon, h = (nav[c].to_numpy() for c in PLACE)
     estimate = np.column_stack(pymap3d.geodetic2ecef(lat, lon, h))
     n, e, d = pymap3d.ecef2nedv(*(estimate - r_e).T, lat, lon)
     position = np.column_stack([n, e, d])
     if lever_arm_m is not None:
         position += _lever_in_ned(nav, lever_arm_m)
-    velocity = nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy() - interpolated(
-        reference.t_ns, t_ns, reference.v_n
-    )
+    velocity = nav[list(VELOCITY)].to_numpy() - interpolated(reference.t_ns, t_ns, reference.v_n)
     rpy = np.column_stack([_without_turns(column) for column in reference.rpy_deg.T])
-    attitude = nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy() - interpolated(reference.t_ns, t_ns, rpy)
+    attitude = nav[list(ATTITUDE)].to_numpy() - interpolated(reference.t_ns, t_ns, rpy)
     attitude = (attitude + 180.0) % 360.0 - 180.0
     nearest = np.clip(np.searchsorted(reference.t_ns, t_ns), 0, len(reference.t_ns) - 1)
     table = pd.DataFrame({"time_s": nav["time_s"].to_numpy(), "quality": reference.quality[nearest]})
-    names = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
-    for i, name in enumerate(names):
+    for i, name in enumerate(COMPONENTS):
         table[f"d_{name}"] = np.column_stack([position, velocity, attitude])[:, i]
         table[f"sd_{name}"] = nav[f"sd_{name}"].to_numpy()
     if reference.sigma is not None:
         sigma = interpolated(reference.t_ns, t_ns, reference.sigma)
-        for i, name in enumerate(names):
+        for i, name in enumerate(COMPONENTS):
             table[f"sd_reference_{name}"] = sigma[:, i]
-    for name in nav.columns.intersection([f"sd_slow_{name}" for name in names]):
+    for name in nav.columns.intersection([f"sd_slow_{name}" for name in COMPONENTS]):
         table[name] = nav[name].to_numpy()
     return table
 
@@ -67,8 +65,8 @@ def trajectory_of(nav: pd.DataFrame, week: int) -> ReferenceTable:
         lat_deg=nav["lat_deg"].to_numpy(),
         lon_deg=nav["lon_deg"].to_numpy(),
         h_m=nav["h_m"].to_numpy(),
-        v_n=nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(),
-        rpy_deg=nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy(),
+        v_n=nav[list(VELOCITY)].to_numpy(),
+        rpy_deg=nav[list(ATTITUDE)].to_numpy(),
         quality=np.ones(len(nav)),
     )
 
@@ -100,7 +98,7 @@ def _reference_positions(reference: ReferenceTable, t_ns: Int64) -> Float64:
 
 def _lever_in_ned(nav: pd.DataFrame, lever_arm_m: tuple[float, float, float]) -> Float64:
     """Return the lever arm in north, east, down (n, 3) at each navigation row."""
-    roll, pitch, yaw = (np.radians(nav[c].to_numpy()) for c in ("roll_deg", "pitch_deg", "yaw_deg"))
+    roll, pitch, yaw = (np.radians(nav[c].to_numpy()) for c in ATTITUDE)
     sr, cr, sp, cp, sy, cy = (
         np.sin(roll),
         np.cos(roll),

@@ -16,6 +16,7 @@ from pandas.api.types import is_bool_dtype, is_numeric_dtype
 
 from insgnss.config.changes import entry
 from insgnss.errors import ResultError
+from insgnss.results.nav_columns import ATTITUDE, COMPONENTS, EVENT, PLACE, VELOCITY
 from insgnss.results.record import RECORD, first_changed, saved_as
 from insgnss.results.saving import reading
 from insgnss.results.table_files import read_csv
@@ -28,18 +29,16 @@ _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
     *("from_state", "to_state", "reason", "event", "supervisor", "verdict", "fault", "axis"),
 )
-_COMPARED: Final = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
 # Columns without which a table is of no use; a run of an earlier version may lack others
 _COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
     "nav": (
-        *("time_s", "lat_deg", "lon_deg", "h_m", "vn_mps", "ve_mps", "vd_mps"),
-        *("roll_deg", "pitch_deg", "yaw_deg", "sd_n_m", "sd_e_m", "sd_d_m", "n_used"),
-        *("sd_vn_mps", "sd_ve_mps", "sd_vd_mps", "sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"),
+        *("time_s", *PLACE, *VELOCITY, *ATTITUDE, "n_used"),
+        *(f"sd_{name}" for name in COMPONENTS),
     ),
     "measurements": ("time_s", "sv", "signal", "kind", "innovation", "sd_innovation", "nis", "status"),
     "satellites": ("time_s", "sv", "az_deg", "el_deg", "body_az_deg", "body_el_deg", "state"),
-    "events": ("time_s", "kind", "detail"),
-    "errors": ("time_s", *(f"{sign}_{name}" for name in _COMPARED for sign in ("d", "sd"))),
+    "events": EVENT,
+    "errors": ("time_s", *(f"{sign}_{name}" for name in COMPONENTS for sign in ("d", "sd"))),
     "filtered": ("time_s",),
     "imu": ("time_s",),
     "imu_spectrum": ("frequency_hz",),

@@ -10,6 +10,7 @@ import numpy as np
 from insgnss.report.charts import BAND_SIGMAS, Chart, ChartRows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
+from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
@@ -19,9 +20,9 @@ _VELOCITY: Final = tuple((f"v{axis}_mps", f"sd_v{axis}_mps", None) for axis in "
 _ATTITUDE: Final = tuple((f"{angle}_deg", f"sd_{angle}_deg", 360.0) for angle in ("roll", "pitch", "yaw"))
 _LINES: Final = ("north, roll", "east, pitch", "down, yaw")
 SIGMA_GROUPS: Final = (
-    ("position", "m", ("n_m", "e_m", "d_m")),
-    ("velocity", "m/s", ("vn_mps", "ve_mps", "vd_mps")),
-    ("attitude", "°", ("roll_deg", "pitch_deg", "yaw_deg")),
+    ("position", "m", POSITION),
+    ("velocity", "m/s", VELOCITY),
+    ("attitude", "°", ATTITUDE),
 )
 
 

@@ -12,6 +12,7 @@ from insgnss.report.charts import PALETTE, Chart, Trace, packed
 from insgnss.report.epochs import used_at
 from insgnss.report.html import Section
 from insgnss.report.thinning import envelope
+from insgnss.results.nav_columns import PLACE
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
@@ -24,7 +25,7 @@ def east_north(nav: pd.DataFrame, origin: pd.Series | None = None) -> tuple[Floa
     """Return metres east and north of the first row, or of ``origin`` (lat_deg, lon_deg, h_m), on the plane there."""
     first = nav.iloc[0] if origin is None else origin
     at = (first["lat_deg"], first["lon_deg"], first["h_m"])
-    here = (nav[name].to_numpy() for name in ("lat_deg", "lon_deg", "h_m"))
+    here = (nav[name].to_numpy() for name in PLACE)
     east, north, _ = pymap3d.geodetic2enu(*here, *at)
     return np.asarray(east, np.float64), np.asarray(north, np.float64)
 

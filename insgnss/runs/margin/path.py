@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import InputError
+from insgnss.results.nav_columns import PLACE, VELOCITY
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
-_ATTITUDE: Final = ["yaw_deg", "pitch_deg", "roll_deg"]
-_VELOCITY: Final = ["vn_mps", "ve_mps", "vd_mps"]
-_NEEDED: Final = ["time_s", "lat_deg", "lon_deg", "h_m", *_VELOCITY, *_ATTITUDE]
+_ANGLES: Final = ["yaw_deg", "pitch_deg", "roll_deg"]
+_NEEDED: Final = ["time_s", *PLACE, *VELOCITY, *_ANGLES]
 _BIASES: Final = [f"sd_accel_bias_{axis}_mps2" for axis in "xyz"]
 _AIDING_TOLERANCE_S: Final = 1  # a sigma of the aiding is computed once a second
 
@@ -73,12 +73,12 @@ def flown_path(run: Run, step_s: float, window_s: float) -> tuple[FlownPath, pd.
 
     radians = np.radians(nav[["lat_deg", "lon_deg"]].to_numpy(np.float64))
     radians[:, 1] = np.unwrap(radians[:, 1])
-    turns = Rotation.from_euler("ZYX", nav[_ATTITUDE].to_numpy(np.float64), degrees=True)
+    turns = Rotation.from_euler("ZYX", nav[_ANGLES].to_numpy(np.float64), degrees=True)
     path = FlownPath(
         times,
         np.column_stack([at_times(radians), at_times(nav["h_m"])]),
         Slerp(t, turns)(times).as_matrix(),
-        at_times(_motion(t, nav[_VELOCITY].to_numpy(np.float64), window_s)).reshape(-1, 3, 3),
+        at_times(_motion(t, nav[list(VELOCITY)].to_numpy(np.float64), window_s)).reshape(-1, 3, 3),
         at_times(_accel_sigma(nav))[:, 0],
     )
     return path, satellites

@@ -34,6 +34,7 @@ from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import angle_columns, directions
 from insgnss.interference.margin import db, ratio
+from insgnss.results.nav_columns import EVENT
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import save_study, table_files
 from insgnss.runs.datum import label_as
@@ -133,7 +134,7 @@ def flown_margin(
     table = _satellite_table(run, path, rows, found, gain, residual, disturbances(run, config), config)
     events += _spells(table) + _never_in_sight(path, found, config)
     events.sort(key=lambda event: event[0])
-    event_table = pd.DataFrame(events, columns=["time_s", "kind", "detail"])
+    event_table = pd.DataFrame(events, columns=list(EVENT))
     label_as(table, run.nav)
     return FlownMargin(table, _emitter_table(path, found, config), event_table, config)
 

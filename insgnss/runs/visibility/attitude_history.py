@@ -12,10 +12,8 @@ import pandas as pd
 from insgnss.errors import InputError
 from insgnss.geodesy.rotations import euler_to_matrix, quaternion_to_matrix
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.results.nav_columns import ATTITUDE
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
-
-_POSITION = ["lat_deg", "lon_deg", "h_m"]
-_ATTITUDE = ["roll_deg", "pitch_deg", "yaw_deg"]
 
 
 @dataclass(frozen=True)
@@ -92,8 +90,8 @@ class AttitudeHistory:
     def of_nav(cls, nav: pd.DataFrame, week: int, step_s: float = 0.0) -> tuple[AttitudeHistory, list[Event]]:
         """Return the history of a run's navigation table, with its sigmas; ``week`` is that of its ``time_s``."""
         t_ns = week_seconds_to_ns(week, nav["time_s"].to_numpy())
-        degrees = nav[["lat_deg", "lon_deg", *_ATTITUDE]].to_numpy(np.float64)
-        sd_deg = nav[[f"sd_{name}" for name in _ATTITUDE]].to_numpy(np.float64)
+        degrees = nav[["lat_deg", "lon_deg", *ATTITUDE]].to_numpy(np.float64)
+        sd_deg = nav[[f"sd_{name}" for name in ATTITUDE]].to_numpy(np.float64)
         return _of_columns(t_ns, degrees, nav["h_m"].to_numpy(np.float64), sd_deg, step_s)
 
     def _checked(self) -> AttitudeHistory:

@@ -14,15 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.agreement import HeadingAgreement
 from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
-BLOCKS: Final = {
-    "position": ("n_m", "e_m", "d_m"),
-    "velocity": ("vn_mps", "ve_mps", "vd_mps"),
-    "attitude": ("roll_deg", "pitch_deg", "yaw_deg"),
-}
+BLOCKS: Final = {"position": POSITION, "velocity": VELOCITY, "attitude": ATTITUDE}
 SIGMAS: Final = (
     "sd_yaw_deg",
     "sd_roll_deg",

@@ -14,6 +14,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, ImuConfig
 from insgnss.config.slow_errors import NO_SLOW_ERRORS
 from insgnss.log.flight import FlightInMemory, FlightLogs
+from insgnss.results.nav_columns import POSITION
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
@@ -155,8 +156,8 @@ def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) 
 def _errors(run: Run) -> pd.DataFrame:
     """Return distance from the truth and its sigma at the epochs."""
     assert run.errors is not None  # a flight in memory has its reference
-    parts = run.errors[["d_n_m", "d_e_m", "d_d_m"]]
-    sigmas = run.errors[["sd_n_m", "sd_e_m", "sd_d_m"]].to_numpy()
+    parts = run.errors[[f"d_{name}" for name in POSITION]]
+    sigmas = run.errors[[f"sd_{name}" for name in POSITION]].to_numpy()
     size = np.linalg.norm(parts.to_numpy(), axis=1)
     table = pd.DataFrame({"time_s": run.errors["time_s"], "error_m": size})
     return table.assign(sd_m=np.linalg.norm(sigmas, axis=1), **parts)

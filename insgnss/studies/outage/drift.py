@@ -9,21 +9,19 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.reference_errors import errors_against
 from insgnss.studies.outage.replays import OutageLog
 from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Bool, Float64
 
-_POSITION: Final = ("n_m", "e_m", "d_m")
-_VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
-_ATTITUDE: Final = ("roll_deg", "pitch_deg", "yaw_deg")
 # measure: what it is the length of
 MEASURES: Final = {
-    "horizontal_m": _POSITION[:2],
-    "vertical_m": _POSITION[2:],
-    "position_m": _POSITION,
-    "velocity_mps": _VELOCITY,
-    "attitude_deg": _ATTITUDE,
+    "horizontal_m": POSITION[:2],
+    "vertical_m": POSITION[2:],
+    "position_m": POSITION,
+    "velocity_mps": VELOCITY,
+    "attitude_deg": ATTITUDE,
 }
 _BACK: Final = 1.1  # sigma over the undisturbed one's that counts as back
 
@@ -38,15 +36,15 @@ def differences(nav: pd.DataFrame, undisturbed: pd.DataFrame, from_s: float) -> 
     there = pymap3d.geodetic2ecef(both["lat_deg_u"], both["lon_deg_u"], both["h_m_u"])
     apart = [np.asarray(a) - np.asarray(b) for a, b in zip(here, there, strict=True)]
     ned = pymap3d.ecef2nedv(*apart, both["lat_deg"], both["lon_deg"])
-    parts: dict[str, Float64] = dict(zip(_POSITION, (np.asarray(c, np.float64) for c in ned), strict=True))
-    for name in (*_VELOCITY, *_ATTITUDE):
+    parts: dict[str, Float64] = dict(zip(POSITION, (np.asarray(c, np.float64) for c in ned), strict=True))
+    for name in (*VELOCITY, *ATTITUDE):
         parts[name] = (both[name] - both[f"{name}_u"]).to_numpy()
-    for name in _ATTITUDE:
+    for name in ATTITUDE:
         parts[name] = (parts[name] + 180.0) % 360.0 - 180.0
     sd, sd_u = (both[[f"sd_{name}{end}" for name in parts]].to_numpy(np.float64) for end in ("", "_u"))
     variance = dict(zip(parts, np.maximum(sd**2 - sd_u**2, 0.0).T, strict=True))
     table = _lengths(both["time_s"].to_numpy(), from_s, parts, variance)
-    own = np.sqrt(sum(both[f"sd_{name}_u"] ** 2 for name in _POSITION))
+    own = np.sqrt(sum(both[f"sd_{name}_u"] ** 2 for name in POSITION))
     return table.assign(sd_undisturbed_m=np.asarray(own))
 
 
@@ -57,7 +55,7 @@ def to_reference(nav: pd.DataFrame, log: OutageLog, from_s: float) -> pd.DataFra
     of_antenna = config.reference is not None and config.reference.point == "antenna"
     lever = log.setup.lever_arm_m if of_antenna else None
     errors = errors_against(nav, reference, config.gps_week, lever)
-    names = (*_POSITION, *_VELOCITY, *_ATTITUDE)
+    names = (*POSITION, *VELOCITY, *ATTITUDE)
     parts = {name: errors[f"d_{name}"].to_numpy() for name in names}
     variance = {name: (errors[f"sd_{name}"] ** 2).to_numpy() for name in names}
     return _lengths(errors["time_s"].to_numpy(), from_s, parts, variance)
