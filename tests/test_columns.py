@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from insgnss.config.vehicle_kind import VEHICLE_KINDS, VehicleRows
 from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR
 from insgnss.log.flight import Flight
+from insgnss.results import nav_columns
 from insgnss.runs.columns.page import SHEETS, columns_page
 from insgnss.runs.columns.sheet import Sheet, unit_of
 from insgnss.runs.columns.statuses import STATUS_MEANINGS
@@ -55,6 +57,29 @@ OF_INERTIAL_SENSORS = {
     if any(f"{kind}_*" in column.name for kind in UNIT_OF_ERROR)
 }
 SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna", *OF_SENSORS, *OF_INERTIAL_SENSORS}
+
+
+# where these names are those of a log's own columns, not of a result's
+OF_LOGS = ("config/", "simulation/", "runs/margin/link.py")
+
+
+def lists_written_out() -> list[str]:
+    """Return where the package writes out a list of names that ``results.nav_columns`` has."""
+    package = Path(insgnss.__file__).parent
+    shared = {value for value in vars(nav_columns).values() if isinstance(value, tuple)}
+    return [
+        f"{place}:{node.lineno}"
+        for path in sorted(package.rglob("*.py"))
+        if (place := path.relative_to(package).as_posix()) != "results/nav_columns.py"
+        if not place.startswith(OF_LOGS)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Tuple | ast.List)
+        if tuple(part.value for part in node.elts if isinstance(part, ast.Constant)) in shared
+    ]
+
+
+def test_names_that_several_tables_share_are_written_once() -> None:
+    assert lists_written_out() == []
 
 
 def with_everything(folder: Path) -> Flight:

@@ -23,6 +23,9 @@ class ImuColumns(LogColumns):
         return (*self.of_time, *self.gyro), (*self.of_time, *self.accel)
 
 
+AccelUnit = Literal["m/s^2", "g", "mg", "cm/s^2", "m/s", "g*s"]
+
+
 class ImuGrade(StrictModel):
     """The error model of an inertial sensor, per axis, one sigma."""
 
@@ -72,7 +75,7 @@ class ImuConfig(LogTable):
         description="a rate is the mean over the interval that ends at its tag, or the value at its tag",
     )
     gyro_unit: Literal["rad/s", "deg/s", "rad", "deg"] = "rad/s"
-    accel_unit: Literal["m/s^2", "g", "mg", "cm/s^2", "m/s", "g*s"] = "m/s^2"
+    accel_unit: AccelUnit = "m/s^2"
     axes: tuple[str, str, str] = Field(
         ("+x", "+y", "+z"), description="which sensor axis points forward, right, down"
     )

@@ -31,6 +31,7 @@ from insgnss.config.quantities import (
 Name = Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_]*)?$", max_length=40)]
 Names3 = tuple[ColumnName, ColumnName, ColumnName]
 Sigmas3 = tuple[Positive, Positive, Positive]
+SpeedUnit = Literal["m/s", "km/h", "mph", "kn"]
 AngleSigmas = tuple[AngleSigma, AngleSigma, AngleSigma]
 
 
@@ -78,7 +79,7 @@ class Odometer(SensorLog):
 
     kind: Literal["odometer"]
     columns: OdometerColumns = OdometerColumns()
-    unit: Literal["m/s", "km/h", "mph", "kn"] = "m/s"
+    unit: SpeedUnit = "m/s"
     metres_per_count: Positive | None = Field(
         None, description="the column counts pulses of so many metres (a trip meter in metres: 1)"
     )

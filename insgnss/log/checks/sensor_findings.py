@@ -8,11 +8,11 @@ are neglected: metres and tenths of m/s.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 
-from insgnss.config.sensors import Sensor
+from insgnss.config.sensors import Sensor, SpeedUnit
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.geodesy.local_level import geodetic, ned_axes
@@ -167,7 +167,7 @@ def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
     factor = float(np.median(z / speed))
     remarks = []
     if not 1.0 / _FACTOR < abs(factor) < _FACTOR:
-        units = [u for u in ("m/s", "km/h", "mph", "kn") if config.metres_per_count is None]
+        units = get_args(SpeedUnit) if config.metres_per_count is None else ()
         fits = [u for u in units if abs(abs(factor) * SI_PER_UNIT[u] / SI_PER_UNIT[config.unit] - 1.0) < 0.05]
         remarks.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
     if factor < 0.0 or (np.abs(z).sum() > 2.0 * np.abs(z.sum())):

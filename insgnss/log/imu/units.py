@@ -6,11 +6,12 @@ look at means over windows of about a second, in which vibration averages out.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
 from insgnss.config.flight import ImuConfig, ImuGrade
+from insgnss.config.imu import AccelUnit
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import UnitsError
 from insgnss.inertial.sensor_model import OVER_RANGE
@@ -158,13 +159,11 @@ def _other_units(config: ImuConfig, mean_ns: float) -> list[tuple[str, float]]:
     """Return every other unit and how many times larger it would make the specific force."""
     per_second = NS_PER_S / mean_ns
     factors = {
-        unit: SI_PER_UNIT[unit] * (per_second if unit in ("m/s", "g*s") else 1.0) for unit in _ACCEL_UNITS
+        unit: SI_PER_UNIT[unit] * (per_second if unit in ("m/s", "g*s") else 1.0)
+        for unit in get_args(AccelUnit)
     }
     declared = factors[config.accel_unit]
     return [(unit, factor / declared) for unit, factor in factors.items() if unit != config.accel_unit]
-
-
-_ACCEL_UNITS: Final = ("m/s^2", "g", "mg", "cm/s^2", "m/s", "g*s")
 
 
 def _fitting_units(size_g: Float64, config: ImuConfig, mean_ns: float, at_rest: bool) -> list[str]:
@@ -181,7 +180,7 @@ def alike_accel_unit(declared: str, size_mps2: float) -> str | None:
 
     Equation: 1 mg = 0.980665 cm/s^2
     """
-    for unit in _ACCEL_UNITS:
+    for unit in get_args(AccelUnit):
         ratio = SI_PER_UNIT[unit] / SI_PER_UNIT[declared]
         fits = abs(size_mps2 * ratio / STANDARD_GRAVITY_MPS2 - 1.0) < 0.5 * UNITS_APART
         if fits and unit != declared and abs(ratio - 1.0) < REST_TOLERANCE:

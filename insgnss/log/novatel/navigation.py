@@ -18,17 +18,14 @@ from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import records
 from insgnss.log.messages.beidou import beidou_message
-from insgnss.log.messages.broadcast import Broadcast, Stated, StateVector, nearest_in_week
+from insgnss.log.messages.broadcast import ELEMENTS, Broadcast, Stated, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
 from insgnss.log.novatel.frames import NovatelFrames
 from insgnss.log.novatel.signals import satellite_name
 
 _QZSS_FIRST: Final = 193
-_ELEMENTS: Final = (
-    *("toe", "af0", "af1", "af2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
-    *("omega_dot", "idot", "cuc", "cus", "crc", "crs", "cic", "cis"),
-)
+_ELEMENTS: Final = ("toe", *ELEMENTS[1:])
 _SUBFRAMES: Final = np.dtype([("prn", "<u4"), ("week", "<u4"), ("toe", "<u4"), ("subframe", "u1", (3, 30))])
 
 
