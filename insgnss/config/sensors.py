@@ -28,6 +28,7 @@ from insgnss.config.quantities import (
     Vector3,
 )
 
+Clock = Literal["gps", "imu"]
 Name = Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_]*)?$", max_length=40)]
 Names3 = tuple[ColumnName, ColumnName, ColumnName]
 Sigmas3 = tuple[Positive, Positive, Positive]
@@ -48,6 +49,9 @@ class SensorLog(LogTable):
     )
     correlation_time_s: NotNegative = Field(1.0, description="correlation time of the readings' noise")
     gate_sigma: Positive = Field(4.0, description="a reading further from its prediction is refused")
+    clock: Clock = Field(
+        "gps", description="whose time its tags are: gps, or imu (the IMU's tags: they share its time offset)"
+    )
 
     @property
     def label(self) -> str:
@@ -93,6 +97,7 @@ class Odometer(SensorLog):
     scale_sigma: Positive = Field(0.03, description="sigma of the unknown scale factor at the start")
     scale_walk_per_sqrt_h: NotNegative = Field(0.002, description="random walk of the scale factor")
     gate_sigma: Positive = 3.0
+    clock: Clock = "imu"
 
     @property
     def value_columns(self) -> tuple[str, ...]:
@@ -131,6 +136,7 @@ class Barometer(SensorLog):
     scale_sigma: Positive = Field(
         0.03, description="sigma of height per altitude: 10 K from the standard atmosphere make 3.5 %"
     )
+    clock: Clock = "imu"
 
     @property
     def value_columns(self) -> tuple[str, ...]:
@@ -180,6 +186,7 @@ class Magnetometer(SensorLog):
         0.5, description="random walk of the vehicle's own field"
     )
     gate_sigma: Positive = 3.0
+    clock: Clock = "imu"
 
     @model_validator(mode="after")
     def _axes_are_a_signed_permutation(self) -> Self:

@@ -25,13 +25,14 @@ from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.carrying import doubt_filter
-from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
+from insgnss.filter.own_rows.checked_rows import CheckedRow
 from insgnss.filter.own_rows.contradiction import contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, predict_covariance
+from insgnss.filter.receiver_time import rows_at_their_time
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, AntennaState
 from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
@@ -42,6 +43,7 @@ from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
 from insgnss.filter.update.prior_rows import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
+from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import GnssRows
@@ -87,6 +89,9 @@ def use_own_rows(
     par, n, lead = parameters[0], bank.P.shape[1], int(bank.head[0].leader)
     for m, P in zip(bank.state, bank.P, strict=True):
         predict_covariance(m, P, par, scratch)
+        if par.at_imu_time >= 0:
+            follow_motion(m, P, par)
+            m.v_corrected[:] = m.v_e
     sound = [is_sound(m, P) for m, P in zip(bank.state, bank.P, strict=True)]
     if not sound[lead]:
         return OwnUpdate([], np.zeros(n))
@@ -135,19 +140,22 @@ def _members(
     par: Parameters,
 ) -> tuple[dict[int, _Member], list[Kind]]:
     """Return the hypotheses with their rows and antennas, and the kinds of which all of them were given rows."""
-    given = {i: [checked_rows(kind, each, layout) for kind in kinds] for i, each in estimates.items()}
+    given, antennas = {}, {}
+    for i, estimate in estimates.items():
+        m, P = bank.state[i], bank.P[i]
+        antenna = antennas[i] = np.zeros(1, ANTENNA_DTYPE)[0]
+        place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
+        place_turning(m, P, par, antenna)
+        given[i] = rows_at_their_time(kinds, estimate, layout, m, P, par, antenna)
     kept = [j for j in range(len(kinds)) if all(rows[j] for rows in given.values())]
     members = {}
     for i, found in given.items():
-        m, P = bank.state[i], bank.P[i]
+        P = bank.P[i]
         rows = [(kinds[j], _bent(row, P)) for j in kept for row in found[j]]
         variance = np.array(
             [row.single_variance + predicted_variance(P, row.h, row.columns) for _, row in rows]
         )
-        antenna = np.zeros(1, ANTENNA_DTYPE)[0]
-        place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
-        place_turning(m, P, par, antenna)
-        members[i] = _Member(rows, variance, antenna)
+        members[i] = _Member(rows, variance, antennas[i])
     return members, [kinds[j] for j in kept]
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from insgnss.antenna.equipment import installation, limits_of
 from insgnss.antenna.installation import Installation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.config.slow_errors import SlowErrorSizes
-from insgnss.errors import ConfigError
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
@@ -23,8 +22,6 @@ from insgnss.runs.late_antennas import with_aid
 from insgnss.sensors.fitting import fitted
 from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
 from insgnss.tables import Event, NavigationData
-
-_AT_TAGS: Final = ("position", "velocity", "attitude", "heading")  # sensors of what changes within the offset
 
 
 def setup_filter(
@@ -105,28 +102,6 @@ def _with_slow_errors_of(flight: Flight, config: FilterConfig) -> FilterConfig:
     return config.model_copy(update={"slow_errors": of_log})
 
 
-def _refuse_uncertain_time(flight: Flight, config: FilterConfig) -> None:
-    """Refuse the IMU's time as a state beside measurements that are taken at the IMU's own tags.
-
-    Their rows know nothing of the offset: 20 ms of 20 m/s would be 5 sigma of a wrong offset that is called known.
-
-    Raises
-    ------
-    ConfigError : with the part of the flight file that does not go with it
-    """
-    if config.process.imu_time_sigma_s == 0.0:
-        return
-    at_tags = [f"[[sensor]] of kind {each.kind}" for each in flight.config.sensor if each.kind in _AT_TAGS]
-    if flight.config.attitude is not None:
-        at_tags.append("[attitude]")
-    if at_tags:
-        raise ConfigError(
-            f"the IMU's time offset cannot be estimated together with {' and '.join(at_tags)}, taken at the IMU's tags",
-            key="process.imu_time_sigma_s",
-            advice="find the offset without them, declare it as imu.time.offset_s, and leave the setting at 0",
-        )
-
-
 def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
     return {(letter, code) for letter in letters for code in signals.get(letter, ())}
 
@@ -139,7 +114,6 @@ def _setup(
     *,
     with_carrier: bool,
 ) -> FilterSetup:
-    _refuse_uncertain_time(flight, config)
     config = _with_slow_errors_of(flight, config)
     gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
     given = None if start == "automatic" else start

@@ -50,6 +50,11 @@ class SensorMeasurement(Generic[Config]):
         return self.readings.times_ns
 
     @property
+    def clock(self) -> str:
+        """Whose time its tags are: "gps" or "imu"."""
+        return self.config.clock
+
+    @property
     def live(self) -> bool:
         """Whether readings come in one by one."""
         return isinstance(self.readings, LiveReadings)

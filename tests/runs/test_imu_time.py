@@ -11,11 +11,9 @@ import pytest
 import insgnss
 from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.installation import installation_findings
 from insgnss.runs.setup import setup_filter
-from tests.attitude.several_flights import scenario_text, write_flight
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.motions import scenario, straight
 from tests.benchmarks.trust.rows import Row
@@ -105,13 +103,6 @@ def test_given_start_tells_nothing_of_the_offset(late_s: float) -> None:
     value, sigma = found(run)
     assert sigma > 0.9 * SIGMA_S
     assert abs(value) < 0.5 * SIGMA_S
-
-
-def test_measurements_at_the_tags_are_refused_beside_an_uncertain_time(tmp_path: Path) -> None:
-    path = write_flight(tmp_path, scenario_text())
-    with pytest.raises(ConfigError, match=r"\[attitude\]") as raised:
-        insgnss.replay(path, settings=SETTINGS)
-    assert raised.value.key == "process.imu_time_sigma_s"
 
 
 @pytest.mark.parametrize("moves", [True, False])

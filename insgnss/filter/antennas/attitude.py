@@ -31,13 +31,15 @@ from insgnss.filter.antennas.rows import (
     directions,
     form_differences,
     predicted,
+    rows_by_states,
     whitened,
     without_clocks,
 )
 from insgnss.filter.antennas.seeding import priors_of, seeded, wound_up
 from insgnss.filter.antennas.visibility import hidden_reasons
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.state import CLONE_CLOCK, N_CLONE, PSI, Bank, StateRecord
+from insgnss.filter.receiver_time import turn_to_gps_time
+from insgnss.filter.state import CLONE_CLOCK, N_CLONE, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.local_level import level_axes
@@ -53,7 +55,6 @@ from insgnss.status import (
 )
 from insgnss.tables import Bool, Event, Float64, Int64
 
-_PSI_COLUMNS: Final = np.arange(PSI, PSI + 3, dtype=np.int64)
 _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer are not the same for certain
 # half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly
 _ROUNDING_SIGMAS: Final = 5.0
@@ -115,6 +116,8 @@ class AttitudeAid:
         late_s = float(m.clock[0]) / C_MPS
         w_eb_b = w_ib_b - m.b_g - WGS84_OMEGA_RADPS * m.C_eb[2]
         l_b = baselines(d, self.data.antennas, w_eb_b, late_s)
+        if par.at_imu_time >= 0:
+            l_b = l_b @ turn_to_gps_time(m, par).T
         if not any(key in memory.cycles for key in d.keys):
             if t_ns < memory.next_search_ns:
                 return bank, 0
@@ -252,14 +255,13 @@ class AttitudeAid:
         t_ns: int,
     ) -> int:
         """Gate the differences on the prior, resolve open ones, and update with those that are certain."""
-        H = attitude_rows(d, l_b, m.C_eb)
+        H, columns, P_h = rows_by_states(attitude_rows(d, l_b, m.C_eb), m, P, par)
         y = d.value_m - predicted(d, l_b, m.C_eb, self.data.antennas)
         known = np.array([key in self.memory.cycles for key in d.keys])
         self._anchor_clocks(d, y, known)
         y = y - d.wavelength_m * np.array([self.memory.cycles.get(key, 0) for key in d.keys])
-        P_psi = P[PSI : PSI + 3, PSI : PSI + 3]
-        trusted = self._gated(d, H, y, known, P_psi)
-        v, S = _innovations(d, H, y, trusted, P_psi)
+        trusted = self._gated(d, H, y, known, P_h)
+        v, S = _innovations(d, H, y, trusted, P_h)
         whole, fits, misfits = self._rounded(d, v, S, known, trusted)
         agree = int(np.count_nonzero(trusted | fits))
         refused = known & ~trusted
@@ -274,14 +276,14 @@ class AttitudeAid:
         y, trusted = y - np.where(fits, whole * d.wavelength_m, 0.0), trusted | fits
         for key in itertools.compress(d.keys, trusted if self.memory.refused else ()):
             self.memory.refused.pop(key, None)
-        v, S = _innovations(d, H, y, trusted, P_psi)
+        v, S = _innovations(d, H, y, trusted, P_h)
         alone = (d.clock >= 0) & (np.sum(trusted & (d.clock[:, None] == d.clock), axis=1) < 2)
         trusted &= ~alone
         ledger.innovation[d.row[trusted]], ledger.variance[d.row[trusted]] = v[trusted], S[trusted]
         ledger.status[d.row[trusted]] = USED
         ledger.status[d.row[alone & known]] = NO_DIFFERENCE
         if trusted.any():
-            _correct(m, P, *whitened(d.only(trusted), H[trusted], y[trusted], spread), par)
+            _correct(m, P, columns, *whitened(d.only(trusted), H[trusted], y[trusted], spread), par)
         return int(np.count_nonzero(trusted))
 
     def _anchor_clocks(self, d: Differences, y: Float64, known: Bool) -> None:
@@ -293,11 +295,11 @@ class AttitudeAid:
                 self.memory.cycles[d.keys[best]] = round(float(y[best] / d.wavelength_m[best]))
                 known[best] = True
 
-    def _gated(self, d: Differences, H: Float64, y: Float64, known: Bool, P_psi: Float64) -> Bool:
+    def _gated(self, d: Differences, H: Float64, y: Float64, known: Bool, P_h: Float64) -> Bool:
         """Return which known differences agree with the prior; with clocks to estimate, the worst goes first."""
         gate2, trusted = self.data.gate_sigma**2, known.copy()
         while trusted.any():
-            v, S = _innovations(d, H, y, trusted, P_psi)
+            v, S = _innovations(d, H, y, trusted, P_h)
             nis = np.where(trusted, v**2 / S, 0.0)
             if not (nis > gate2).any():
                 break
@@ -371,16 +373,16 @@ def _agree(before: dict[Key, int], now: dict[Key, int], d: Differences) -> bool:
 
 
 def _innovations(
-    d: Differences, H: Float64, y: Float64, trusted: Bool, P_psi: Float64
+    d: Differences, H: Float64, y: Float64, trusted: Bool, P_h: Float64
 ) -> tuple[Float64, Float64]:
     """Return the innovations less their clocks and their variances at the prior, both (R,)."""
     M = without_clocks(d, trusted)
     H = M @ H
-    S = np.sum((H @ P_psi) * H, axis=1) + np.sum((M @ (d.white + d.slow)) * M, axis=1)
+    S = np.sum((H @ P_h) * H, axis=1) + np.sum((M @ (d.white + d.slow)) * M, axis=1)
     return M @ y, np.maximum(S, np.finfo(float).tiny)
 
 
-def _correct(m: StateRecord, P: Float64, H: Float64, y: Float64, par: Parameters) -> None:
+def _correct(m: StateRecord, P: Float64, columns: Int64, H: Float64, y: Float64, par: Parameters) -> None:
     """Update with independent rows of variance one, each a scalar in turn, and close the loop.
 
     The clone of the epoch has been made before: it is an antenna position like the state's own and is corrected too.
@@ -388,7 +390,7 @@ def _correct(m: StateRecord, P: Float64, H: Float64, y: Float64, par: Parameters
     n = P.shape[0]
     vectors = np.zeros((3, n))
     for h, innovation in zip(H, y, strict=True):
-        scalar_update(P, h, _PSI_COLUMNS, innovation, 1.0, vectors)
+        scalar_update(P, h, columns, innovation, 1.0, vectors)
     correction, at = vectors[0], int(par.at_clone)
     close_loop(m, correction, n - (N_CLONE if at >= 0 else 0))
     if at >= 0:

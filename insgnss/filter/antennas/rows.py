@@ -18,6 +18,9 @@ from insgnss.attitude.cycle_search import clock_columns
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.memory import Key
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.receiver_time import turn_by_imu_time
+from insgnss.filter.state import PSI, StateRecord
 from insgnss.gnss.antenna_phases import AntennaPhases, Channel
 from insgnss.gnss.noise_model import LOWEST_SINE, thermal_factor
 from insgnss.gnss.observation_rows import MOST_CN0_DBHZ
@@ -223,6 +226,19 @@ def attitude_rows(d: Differences, l_b: Float64, C_eb: Float64) -> Float64:
     return np.asarray(np.cross(d.u_e, l_b @ C_eb.T))
 
 
+def rows_by_states(H: Float64, m: StateRecord, P: Float64, par: Parameters) -> tuple[Float64, Int64, Float64]:
+    """Return rows of H by all states that they depend on, (R, k), the columns of these and their covariance (k, k).
+
+    They are the attitude, and the IMU's time where that is estimated.
+    """
+    columns = np.arange(PSI, PSI + 3, dtype=np.int64)
+    if par.at_imu_time < 0:
+        return H, columns, P[PSI : PSI + 3, PSI : PSI + 3]
+    H = np.column_stack([H, H @ turn_by_imu_time(m, P, par)])
+    columns = np.append(columns, par.at_imu_time)
+    return H, columns, P[np.ix_(columns, columns)]
+
+
 def without_clocks(d: Differences, trusted: Bool) -> Float64:
     """Return M, (R, R): M y are the differences less each clock by the ``trusted`` ones."""
     B = clock_columns(d.clock)
@@ -244,8 +260,9 @@ def whitened(d: Differences, H: Float64, y: Float64, spread: float) -> tuple[Flo
     """
     L = np.linalg.cholesky(d.white + spread * d.slow)
     rows = np.linalg.solve(L, np.column_stack([H, y, clock_columns(d.clock)]))
-    B = rows[:, 4:]
+    width = H.shape[1]
+    B = rows[:, width + 1 :]
     if B.shape[1]:
         Q = np.linalg.qr(B, mode="complete")[0][:, B.shape[1] :]
-        rows = Q.T @ rows[:, :4]
-    return np.ascontiguousarray(rows[:, :3]), np.ascontiguousarray(rows[:, 3])
+        rows = Q.T @ rows[:, : width + 1]
+    return np.ascontiguousarray(rows[:, :width]), np.ascontiguousarray(rows[:, width])

@@ -71,6 +71,8 @@ class Measurement(Protocol):
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
     - ``hint``: what to check if its rows are refused for long, for the event.
+    - ``clock``: whose time its rows are at if the error of the IMU's tags is estimated: "imu", or "gps", where the rows
+      are asked for at GPS time and get a column of the IMU's time. Without it "imu".
     """
 
     @property
@@ -105,6 +107,7 @@ class Kind:
     unlikely: Callable[[StateEstimate], float] | None = None
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
+    at_gps_time: bool = False  # rather than at the IMU's tags
 
 
 @dataclass(frozen=True)
@@ -234,9 +237,9 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
     unlikely = getattr(source, "unlikely", None)
     gate2 = _gate2(name, source)
-    return Kind(
-        source, name, times_ns, gate2, unit, period_ns, unlikely=unlikely, together=together, hint=hint
-    )
+    at_gps_time = getattr(source, "clock", "imu") == "gps"
+    checked = Kind(source, name, times_ns, gate2, unit, period_ns, unlikely=unlikely, together=together)
+    return replace(checked, hint=hint, at_gps_time=at_gps_time)
 
 
 def _check_settings(name: str, source: Measurement) -> None:
@@ -245,6 +248,7 @@ def _check_settings(name: str, source: Measurement) -> None:
         **dict.fromkeys(("watched", "carrying", "together"), (_is_truth_value, "True or False")),
         **dict.fromkeys(("unit", "hint"), (_is_text, "a text")),
         "unlikely": (_is_function_or_none, "a function of the state, or None"),
+        "clock": (lambda value: value in ("gps", "imu"), '"gps" or "imu"'),
     }
     for key, (fits, what) in wanted.items():
         if hasattr(source, key) and not fits(getattr(source, key)):
