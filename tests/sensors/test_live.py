@@ -35,8 +35,8 @@ def made() -> FlightInMemory:
     return flown(base, 1, true_start(base, 2.0))
 
 
-def live_setup(flight: FlightInMemory) -> FilterSetup:
-    setup = setup_filter(flight, replace(flight.logs, sensors=()), filter_config("tight"))
+def live_setup(flight: FlightInMemory, settings: dict[str, float] | None = None) -> FilterSetup:
+    setup = setup_filter(flight, replace(flight.logs, sensors=()), filter_config("tight", settings))
     return setup.with_further(*fitted(flight.config, None))
 
 
@@ -64,24 +64,26 @@ def fed(engine: insgnss.Engine, flight: FlightInMemory, late_ns: int = 0) -> Non
             first += 1
 
 
-def batch(flight: FlightInMemory) -> tuple[dict[int, bytes], list[OwnEntry]]:
+def batch(flight: FlightInMemory, settings: dict[str, float]) -> tuple[dict[int, bytes], list[OwnEntry]]:
     entries: list[OwnEntry] = []
-    setup = setup_filter(flight, flight.logs, filter_config("tight"))
+    setup = setup_filter(flight, flight.logs, filter_config("tight", settings))
     rows = setup.rows(flight.logs.gnss, setup.navigation)
     out, _, _ = run_blocks(setup, flight.logs.imu, [rows], "gnss", own=entries)
     return {int(row["t_ns"]): row.tobytes() for row in out.nav[: out.counts[0].nav]}, entries
 
 
-@pytest.mark.parametrize("late_ns", [0, 430_000_000])
-def test_readings_that_come_live_give_the_bits_of_replay(late_ns: int) -> None:
+@pytest.mark.parametrize(
+    ("late_ns", "settings"), [(0, {}), (430_000_000, {}), (430_000_000, {"process.imu_time_sigma_s": 0.02})]
+)
+def test_readings_that_come_live_give_the_bits_of_replay(late_ns: int, settings: dict[str, float]) -> None:
     """Between epochs and samples, in an outage of 8 s; in time, and 0.43 s late after the epochs they precede."""
     flight = made()
-    engine = live_engine(flight)
+    engine = insgnss.Engine(live_setup(flight, settings))
     fed(engine, flight, late_ns)
     early = engine.take_measurements()
     results = engine.take_results(all_of_them=True)
     entries = [*early, *engine.take_measurements(all_of_them=True)]
-    wanted_nav, wanted = batch(flight)
+    wanted_nav, wanted = batch(flight, settings)
     last_ns = int(flight.logs.imu.t_ns[-1]) - late_ns
 
     written = {r.t_ns: r.out.nav[0].tobytes() for r in results if r.out.counts[0].nav == 1}
