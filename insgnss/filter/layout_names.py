@@ -49,6 +49,7 @@ class StateLayout(Mapping[str, StatePlace]):
     | offset_E, offset_R, ... | clock of a further constellation against the first one [m] |
     | glonass_channel_bias | delay that grows with the frequency channel [m per channel] |
     | zenith_delay, ionosphere | the models' residuals at the zenith [m] |
+    | imu_time | correction to the IMU's time tags [s] |
     | lever_arm | correction to the antenna's lever arm in the flight file, body axes [m] |
     | a ``StateBlock`` of the user's | all of its states, SI units |
     """

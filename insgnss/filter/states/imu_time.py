@@ -4,7 +4,8 @@ The state is at the IMU's tag t, so it is the vehicle's at GPS time t + s. An an
 s + clock / c earlier than the state: its position is r_a - v s, its velocity v_a - a s (``update.prior_rows``). Without
 a change of velocity s cannot be separated from a shift of the position along the track; at constant speed not from one
 of the lever arm, even in turns. Navigation rows hold the state at GPS time (``output.gps_time``).
-Neglects: a user's own rows, odometers, barometers and magnetometers are taken at the IMU's tags.
+Further antennas and sensors on GPS time: ``receiver_time``. Sensors on the IMU's clock have its tags, as have the
+vehicle's own constraints and a user's own rows that do not ask for GPS time: their rows do not depend on s.
 """
 
 from __future__ import annotations
