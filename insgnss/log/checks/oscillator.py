@@ -16,9 +16,10 @@ from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.checks.track import GnssTrack
 from insgnss.tables import Float64
 
-LAG_S: Final = 10.0  # over which the drift is compared with itself
+SHORT_S: Final = 10.0  # over which the drift is compared with itself: reflections last less
+LONG_S: Final = 30.0
 TIMES_DECLARED: Final = 100.0  # density of the drift's noise: ten times in sigma
-LEAST_MPS: Final = 0.2  # over the lag; reflections and the air change what satellites have in common by less
+LEAST_MPS: Final = 0.2  # in the time between the two: the air changes what satellites have in common by less
 MIN_PAIRS: Final = 30
 _SURE: Final = "sure: nothing but a clock changes all range rates so"
 
@@ -27,27 +28,24 @@ def oscillator_findings(track: GnssTrack, declared: Oscillator) -> list[Finding]
     """Return a finding if the clock's drift wanders far more than the declared oscillator allows.
 
     Equation: E[(d(t + T) - d(t))^2] = 2 r + S T for a drift that is driven by noise of density S and measured with the
-    variance r. The difference between a long and a short T is free of r.
+    variance r. The difference between two T is free of r, and of errors that last less than both.
 
     Parameters
     ----------
     track : solutions of single epochs; their drifts are those of the range rates
     """
     t_s, drift = track.t_s[np.isfinite(track.drift_mps)], track.drift_mps[np.isfinite(track.drift_mps)]
-    if len(t_s) < MIN_PAIRS or t_s[-1] - t_s[0] < 2.0 * LAG_S:
+    if len(t_s) < MIN_PAIRS or t_s[-1] - t_s[0] < 2.0 * LONG_S:
         return []
-    short_s = float(np.median(np.diff(t_s)))
-    if short_s > 0.2 * LAG_S:
-        return []
-    long, short = _mean_square(t_s, drift, LAG_S), _mean_square(t_s, drift, short_s)
-    wandered = long - short
-    density = wandered / (LAG_S - short_s)
+    short = _mean_square(t_s, drift, SHORT_S)
+    wandered = _mean_square(t_s, drift, LONG_S) - short
+    density = wandered / (LONG_S - SHORT_S)
     allowed = clock_model(declared).drift_density
-    if not (wandered > max(LEAST_MPS**2, short) and density > TIMES_DECLARED * allowed):
+    if not (wandered > max(LEAST_MPS**2, 0.5 * short) and density > TIMES_DECLARED * allowed):
         return []
     text = (
-        f"the receiver clock's drift changes by {math.sqrt(wandered):.2g} m/s in {LAG_S:g} s, and the declared"
-        f" oscillator's by {math.sqrt(allowed * LAG_S):.2g} m/s: the filter would take the rest for motion"
+        f"the receiver clock's drift changes by {math.sqrt(density * SHORT_S):.2g} m/s in {SHORT_S:g} s, and the"
+        f" declared oscillator's by {math.sqrt(allowed * SHORT_S):.2g} m/s: the filter would take the rest for motion"
     )
     name = _noisy_enough(density)
     proposal = Proposal("gnss.oscillator", name, f"the drift's noise has the density {density:.2g} m^2/s^3")

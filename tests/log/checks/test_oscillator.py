@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,16 @@ from insgnss.log.checks.oscillator import oscillator_findings
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.track import GnssTrack
 from insgnss.simulation.oscillator import simulate_clock
+from insgnss.tables import Float64
 
 
 def oscillator(name: str) -> Oscillator:
     return load_toml(find("oscillators", name), Oscillator)
+
+
+def track_of_drift(t_s: Float64, drift_mps: Float64) -> GnssTrack:
+    n, zeros = len(t_s), np.zeros((len(t_s), 3))
+    return GnssTrack(t_s, zeros, zeros, zeros[:, 0], zeros[:, 0], drift_mps, 0, n, n, n)
 
 
 def findings(
@@ -25,9 +33,7 @@ def findings(
     t_s = np.arange(600.0 * rate_hz) / rate_hz
     clock = simulate_clock(oscillator(true), t_s, rng, drift_mps=80.0)
     drift = clock.drift_mps + noise_mps * rng.standard_normal(len(t_s))
-    n, zeros = len(t_s), np.zeros((len(t_s), 3))
-    track = GnssTrack(t_s, zeros, zeros, zeros[:, 0], clock.bias_m, drift, 0, n, n, n)
-    return oscillator_findings(track, oscillator(declared))
+    return oscillator_findings(track_of_drift(t_s, drift), oscillator(declared))
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 10.0])
@@ -59,10 +65,16 @@ def test_clock_as_declared_or_quieter_is_no_finding(
     assert findings(true, declared, rng, noise_mps) == []
 
 
-def test_short_log_and_slow_log_say_nothing(rng: np.random.Generator) -> None:
-    t_s = np.arange(100.0) * 5.0
+def test_errors_of_reflections_are_not_taken_for_the_clock(rng: np.random.Generator) -> None:
+    """1 m/s that all range rates share for three seconds."""
+    steps = rng.standard_normal(600)
+    error = np.zeros(600)
+    for k in range(1, 600):
+        error[k] = math.exp(-1.0 / 3.0) * error[k - 1] + math.sqrt(1.0 - math.exp(-2.0 / 3.0)) * steps[k]
+    assert oscillator_findings(track_of_drift(np.arange(600.0), 80.0 + error), oscillator("ocxo")) == []
+
+
+@pytest.mark.parametrize("step_s", [0.5, 50.0])
+def test_short_log_and_slow_log_say_nothing(step_s: float, rng: np.random.Generator) -> None:
     drift = 10.0 * rng.standard_normal(100).cumsum()
-    for track_t_s in (t_s, t_s / 100.0):
-        zeros = np.zeros((100, 3))
-        track = GnssTrack(track_t_s, zeros, zeros, t_s, t_s, drift, 0, 100, 100, 100)
-        assert oscillator_findings(track, oscillator("csac")) == []
+    assert oscillator_findings(track_of_drift(step_s * np.arange(100.0), drift), oscillator("csac")) == []
