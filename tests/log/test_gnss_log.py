@@ -202,7 +202,7 @@ def test_messages_of_another_week_are_a_typed_error(csv: Path, nav: Path, weeks:
 
 def test_empty_navigation_data_are_a_typed_error(csv: Path, nav: Path) -> None:
     nav.write_text(NAV_HEADER)
-    with pytest.raises(NavigationDataError, match="no ephemeris"):
+    with pytest.raises(NavigationDataError, match="no usable ephemeris"):
         read(files=[csv], navigation=[nav])
 
 

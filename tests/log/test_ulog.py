@@ -265,7 +265,7 @@ def test_replay_of_less_than_a_second_of_fixes_asks_for_a_higher_rate(tmp_path: 
         log.row("sensor_combined", boot_us(after_s), (0.0, 0.0, 1e-4), 20_000, 0, (0.0, 0.0, -9.807), 20_000)
     (tmp_path / "log").write_bytes(log.data)
     convert([tmp_path / "log"], tmp_path / "out")
-    with pytest.raises(ConfigError, match=r"no time of 1 Hz(.|\n)*--rate 10"):
+    with pytest.raises(ConfigError, match=r"no time at 1 Hz(.|\n)*--rate 10"):
         insgnss.replay(tmp_path / "out" / "flight.toml")
     assert len(insgnss.replay(tmp_path / "out" / "flight.toml", output=10.0).nav) >= 3
 
