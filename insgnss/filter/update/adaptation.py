@@ -199,7 +199,7 @@ def adapt_noise(
         follow_drift(m, par, P[DRIFT, DRIFT], gain)
     common = common_ratio(lines)
     if common < 0.0:
-        m.noise_factor[BIAS_FACTOR] = m.noise_factor[DRIFT_FACTOR]
+        m.noise_factor[BIAS_FACTOR] = min(m.noise_factor[DRIFT_FACTOR], par.adapt_most)
     elif m.adapted_count > 5:
         factor = m.noise_factor[BIAS_FACTOR] * (1.0 + max(gain, _BIAS_GAIN) * (common - 1.0))
         m.noise_factor[BIAS_FACTOR] = max(min(factor, par.adapt_most), _LEAST_BIAS_FACTOR)
