@@ -41,7 +41,7 @@ that of one stage follows the IMU.
 A number of the source that is not reached: the J/S of aided receivers without phase tracking, 36 to 42 dB (18 to 24
 dBHz). The C/N0 at which they are lost depends on how long it stays low: half of the runs at 2 to 4 dBHz (optimal, one
 stage) and 9 to 13 dBHz (two stages) on stairs of one and two decibels a minute. They hold longer than published, as
-they are told C/N0 and meet no multipath. The order of the receivers is the published one.
+they know C/N0 and meet no multipath. The order of the receivers is the published one.
 """  # noqa: E501 - the table is the documentation
 
 from __future__ import annotations
