@@ -104,9 +104,10 @@ print(twice.summary[["variant", "velocity_mps", "attitude_deg", "nees", "nees_hi
 # %% [markdown]
 # What stays open: the C/N0 at which such receivers lose lock without phase tracking. The published comparison has J/S
 # of 40 dB (optimal), 36 (running estimates) and 42 (one stage), 18 to 24 dBHz in its band of 1.022 MHz. Here they hold
-# longer, as the receiver knows C/N0 and there is no multipath: half of the runs are lost at 4 dBHz (optimal and one
-# stage) and 13 dBHz (running estimates) when C/N0 falls by 1 dB a minute, at 2 and 9 dBHz when it falls by 2 dB. With
-# running estimates the errors depend on the start for minutes. The order of the receivers does not change.
+# lock down to a lower C/N0, because they know C/N0 and receive no multipath. Half of the runs are lost at 4 dBHz
+# (optimal and one stage) and 13 dBHz (running estimates) when C/N0 falls by 1 dB a minute, at 2 and 9 dBHz when it
+# falls by 2 dB. With running estimates the errors depend on the start for minutes. The order of the receivers does not
+# change.
 
 # %%
 twice.epoch_figure()

@@ -27,7 +27,7 @@ from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.output.gps_time import place_at_gps_time
 from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
 from insgnss.filter.own_rows.rows import Kind
-from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.filter.own_rows.state_estimate import StateEstimate, read_only
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, AntennaState
 from insgnss.filter.state import DR, DV, OFFSETS, PSI, StateRecord
@@ -68,9 +68,7 @@ def estimate_at_gps_time(estimate: StateEstimate, m: StateRecord, par: Parameter
     r_e, v_e, C_eb = np.empty(3), np.empty(3), np.empty((3, 3))
     place_at_gps_time(m, par, r_e, v_e, np.empty(4), C_eb)
     turned = float(m.optional[par.at_imu_time - OFFSETS]) * np.array(angular_acceleration(m))
-    w_ib_b = estimate.w_ib_b - turned
-    for each in (r_e, v_e, C_eb, w_ib_b):
-        each.flags.writeable = False
+    r_e, v_e, C_eb, w_ib_b = map(read_only, (r_e, v_e, C_eb, estimate.w_ib_b - turned))
     return replace(estimate, r_e=r_e, v_e=v_e, C_eb=C_eb, w_ib_b=w_ib_b)
 
 

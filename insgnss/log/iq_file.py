@@ -51,9 +51,7 @@ class IqFile:
         object.__setattr__(self, "path", Path(self.path))
         _check_declared(self.sampling, self.sample_type, self.order, self.skip_bytes)
         if not self.path.is_file():
-            raise MissingFileError(
-                "there is no such recording", file=self.path, advice="give a file of raw samples"
-            )
+            raise MissingFileError("recording not found", file=self.path, advice="give a file of raw samples")
         size = self.path.stat().st_size - self.skip_bytes
         if size <= 0:
             held = "is empty" if self.path.stat().st_size == 0 else f"ends before byte {self.skip_bytes}"

@@ -27,7 +27,7 @@ QUIET: Final = frozenset(
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
 _KINDS_TOLD: Final = 8
-_HORIZONTAL: Final = ("n_m", "e_m")
+_HORIZONTAL: Final = POSITION[:2]
 _CONSTANT: Final = 5.0  # times the scatter about it, above which an offset is reported separately
 _ENOUGH: Final = 10  # rows, below which nothing can be called constant
 

@@ -17,6 +17,7 @@ import pandas as pd
 from insgnss.errors import ResultError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import ns_to_utc, week_seconds_to_ns
+from insgnss.results.nav_columns import PLACE
 from insgnss.runs.columns.sheet import unit_of
 
 GPS_WEEK: Final = "gps_week"
@@ -101,7 +102,7 @@ def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
     ------
     ResultError : the table has no ``lat_deg``, ``lon_deg``, ``h_m``
     """
-    _check_columns(table, "lat_deg", "lon_deg", "h_m")
+    _check_columns(table, *PLACE)
     geoid_m = geoid_height(table["lat_deg"], table["lon_deg"])
     added = table.assign(h_msl_m=table["h_m"] - geoid_m, geoid_m=geoid_m)
     if "point_h_m" not in table:

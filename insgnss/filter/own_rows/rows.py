@@ -238,8 +238,18 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
     unlikely = getattr(source, "unlikely", None)
     gate2 = _gate2(name, source)
     at_gps_time = getattr(source, "clock", "imu") == "gps"
-    checked = Kind(source, name, times_ns, gate2, unit, period_ns, unlikely=unlikely, together=together)
-    return replace(checked, hint=hint, at_gps_time=at_gps_time)
+    return Kind(
+        source,
+        name,
+        times_ns,
+        gate2,
+        unit,
+        period_ns,
+        unlikely=unlikely,
+        together=together,
+        hint=hint,
+        at_gps_time=at_gps_time,
+    )
 
 
 def _check_settings(name: str, source: Measurement) -> None:

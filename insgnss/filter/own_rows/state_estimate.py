@@ -73,7 +73,7 @@ class StateEstimate:
         chosen = slice(*np.searchsorted(self._samples.t_ns, ends, side="right"))
         unknown = bool(self._samples.unknown[chosen].any())
         t_ns = self._samples.t_ns[chosen]
-        w_ib_b, f_b = (_read_only(each[chosen]) for each in (self._samples.w_ib_b, self._samples.f_b))
+        w_ib_b, f_b = (read_only(each[chosen]) for each in (self._samples.w_ib_b, self._samples.f_b))
         return InertialWindow(t_ns, w_ib_b, f_b, unknown)
 
     def gyro_error(self, w_ib_b: Float64, f_b: Float64) -> tuple[Float64, dict[str, Float64]]:
@@ -115,12 +115,12 @@ class StateEstimate:
         """ECEF to north-east-down (3, 3): its rows are the unit vectors north, east and down."""
         C_ne = np.zeros((3, 3))
         ecef_to_ned_matrix(self._geodetic[0], self._geodetic[1], C_ne)
-        return _read_only(C_ne)
+        return read_only(C_ne)
 
     @cached_property
     def C_nb(self) -> Float64:
         """Body to north-east-down (3, 3)."""
-        return _read_only(self.C_ne @ self.C_eb)
+        return read_only(self.C_ne @ self.C_eb)
 
     @property
     def up_e(self) -> Float64:
@@ -135,7 +135,7 @@ class StateEstimate:
     @cached_property
     def rpy_rad(self) -> Float64:
         """Roll, pitch and yaw (3,) [rad]; yaw from true north, -pi to pi."""
-        return _read_only(np.array(matrix_to_euler(np.array(self.C_nb))))
+        return read_only(np.array(matrix_to_euler(np.array(self.C_nb))))
 
     @property
     def yaw_rad(self) -> float:
@@ -152,7 +152,7 @@ class StateEstimate:
         _, _, yaw = self.rpy_rad
         pitched = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
         turns = np.column_stack([self.C_nb[:, 0], pitched, [0.0, 0.0, 1.0]])
-        return _read_only(np.linalg.solve(turns, self.C_ne))
+        return read_only(np.linalg.solve(turns, self.C_ne))
 
 
 def state_estimate(
@@ -176,21 +176,22 @@ def state_estimate(
         if place.columns.start < OFFSETS:
             continue
         found = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
-        values[name] = float(found[0]) if place.size == 1 else _read_only(found.copy())
-    vectors = {name: _read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}
+        values[name] = float(found[0]) if place.size == 1 else read_only(found.copy())
+    vectors = {name: read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}
     return StateEstimate(
         t_ns=t_ns,
         **vectors,
         clock_bias_m=float(m.clock[0]),
         clock_drift_mps=float(m.clock[1]),
-        w_ib_b=_read_only(w_ib_b),
-        f_b=_read_only(f_b),
+        w_ib_b=read_only(w_ib_b),
+        f_b=read_only(f_b),
         optional=MappingProxyType(values),
         _gyro_parts=layout.gyro_parts,
         _samples=samples,
     )
 
 
-def _read_only(array: Float64) -> Float64:
+def read_only(array: Float64) -> Float64:
+    """Return the same array, locked against changes."""
     array.flags.writeable = False
     return array

@@ -40,11 +40,11 @@ _FEW: Final = 72.0  # ... and 1 + this / n of n rows, which chance exceeds once 
 _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _MEMORIES: Final = 4.0  # of the filter in the drift: over so many their end effects are small
-_BEYOND_CHANCE2: Final = 25.0
+_BEYOND_CHANCE2: Final = 25.0  # squared sigmas of a sum
 _LOUDEST_CLOCK: Final = (
     35.0  # density of its drift [m^2/s^3]: ten times that of a crystal without compensation
 )
-_LEAST_DENSITY: Final = 1e-15
+_LEAST_DENSITY: Final = 1e-15  # far below that of any clock, and a divisor
 _BIAS_GAIN: Final = 0.1  # per second: a crystal does not change, and one value says little
 _LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
 _LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
@@ -161,8 +161,8 @@ def adapt_noise(
     """Move the factors of a hypothesis towards what an epoch's update shows.
 
     At rest the pseudoranges' factor does not fall far: multipath stands still then and does not show in what is left.
-    The clock's: ``drift_ratio``. The bias's shows in what the carrier differences have in common, and is held in step
-    with the drift's without them.
+    The clock's drift: ``follow_drift``. The factor of its bias shows in what the carrier differences have in common;
+    without them it is held in step with the drift's.
 
     Parameters
     ----------

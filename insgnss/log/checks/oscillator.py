@@ -34,7 +34,8 @@ def oscillator_findings(track: GnssTrack, declared: Oscillator) -> list[Finding]
     ----------
     track : solutions of single epochs; their drifts are those of the range rates
     """
-    t_s, drift = track.t_s[np.isfinite(track.drift_mps)], track.drift_mps[np.isfinite(track.drift_mps)]
+    known = np.isfinite(track.drift_mps)
+    t_s, drift = track.t_s[known], track.drift_mps[known]
     if len(t_s) < MIN_PAIRS or t_s[-1] - t_s[0] < 2.0 * LONG_S:
         return []
     short = _mean_square(t_s, drift, SHORT_S)

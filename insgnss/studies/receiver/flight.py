@@ -154,9 +154,9 @@ def _with_average(
 
 def _scene(asked: FlightRequest, levels: list[float]) -> tuple[StudyScene, dict[float, Float64]]:
     """Return the scene and C/N0 over time by the level that names it."""
-    jammed_way = asked.emitters is not None
     scene = scene_of(
-        asked.scenario, asked.tracking, asked.imu, asked.oscillator, asked.options, whole=jammed_way
+        *(asked.scenario, asked.tracking, asked.imu, asked.oscillator, asked.options),
+        whole=asked.emitters is not None,
     )
     scene = _masked(scene, asked.options, asked.antennas)
     if asked.emitters is not None:

@@ -22,6 +22,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ned_axes
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.results.nav_columns import PLACE, VELOCITY
 from insgnss.simulation.observations import WAVELENGTH_M
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import BORDER_S, SignalSky
@@ -47,7 +48,7 @@ def epoch_table(loop: SampleLoop, scenario: Scenario) -> pd.DataFrame:
     table = pd.DataFrame({"time_s": ns_to_week_seconds(t_ns, week), "n_channels": rows["n_channels"]})
     motion = scenario.trajectory.motion((t_ns - scenario.start_ns) / NS_PER_S)
     truth = reference_table(motion, scenario.start_ns)
-    names = ("lat_deg", "lon_deg", "h_m", "vn_mps", "ve_mps", "vd_mps")
+    names = (*PLACE, *VELOCITY)
     started = [rows[name].to_numpy() if name in rows else np.full(len(rows), np.nan) for name in names]
     r_e = np.full((len(rows), 3), np.nan)
     for k, (lat, lon, h) in enumerate(zip(*started[:3], strict=True)):
