@@ -29,7 +29,7 @@ The main job is two calls::
 from __future__ import annotations
 
 from insgnss.errors import InsGnssError
-from insgnss.filter.engine import NavState
+from insgnss.filter.engine_results import NavState
 from insgnss.filter.layout import Coupling, GaussMarkov, RandomWalk, StateBlock
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Measurement, Row

@@ -16,9 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.engine_results import EpochResult as EpochResult
-from insgnss.filter.engine_results import FilterSnapshot, one_row, unused_result
-from insgnss.filter.engine_results import NavState as NavState
+from insgnss.filter.engine_results import EpochResult, FilterSnapshot, NavState, one_row, rows_of
 from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
 from insgnss.filter.further_arrivals import FurtherArrivals, main_of
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream
@@ -26,8 +24,7 @@ from insgnss.filter.imu.samples import ImuBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.loop import write_between
 from insgnss.filter.navigator import Navigator
-from insgnss.filter.output.total_sigmas import nav_columns
-from insgnss.filter.output.writing import mark_without_imu
+from insgnss.filter.output.writing import Output, mark_without_imu
 from insgnss.filter.own_rows.ledger import OwnResults
 from insgnss.filter.own_update import carry_through
 from insgnss.filter.prediction import carry_bank
@@ -37,7 +34,7 @@ from insgnss.filter.start.carried_start import CarriedState, kept_over
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.antenna_phases import MATCH_NS
-from insgnss.gnss.observation_rows import GnssRows, from_epoch
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
@@ -172,7 +169,7 @@ class FilterEngine:
             if antenna is not None and number > 0:
                 self._take_further(antenna, number, part)
             elif self._is_final(t_ns):
-                self._refuse(unused_result(self._setup, part, t_ns), "a GNSS epoch")
+                self._refuse(EpochResult.unused(self._setup, part, t_ns), "a GNSS epoch")
             elif self._waits(t_ns):
                 at = bisect_left(self._waiting, t_ns, key=tag_of)
                 known = [e for e in self._waiting[at : at + 1] if tag_of(e) == t_ns]
@@ -199,6 +196,15 @@ class FilterEngine:
             self._insert(known)
             self._carry_live()
 
+    def again_from(self, t_ns: int) -> None:
+        """Do again what follows ``t_ns``, at which an own row has arrived; nothing where no sample is as late."""
+        if self._samples.last_ns is None or t_ns > self._samples.last_ns:
+            return
+        for first in [result.gnss for result in self._recent if result.t_ns >= t_ns][:1]:
+            self._insert(first)
+        self._live = None
+        self._carry_live()
+
     def _mains_ns(self) -> Int64:
         """Return the time tags of the main epochs that further antennas' rows may belong to."""
         settled = () if self._last_settled is None else (self._last_settled,)
@@ -209,17 +215,17 @@ class FilterEngine:
     @property
     def state(self) -> NavState:
         """The navigation state at the newest inertial sample."""
+        return NavState.of(self._setup, self.newest_row(), self._samples.last_ns or 0)
+
+    def newest_row(self) -> Output:
+        """Return the output at the newest inertial sample: one navigation row, none where there is no filter."""
         newest = self._samples.last_ns
-        if self._live is None or newest is None:
-            return NavState(newest or 0, False, {})
         rows = self._rows(empty_epoch())
-        out, work = one_row(self._setup, rows), self._navigator.workspace(rows)
-        write_between(self._live, newest, self._samples.view(), self._navigator.parameters[0], out, work)
-        if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
-            return NavState(newest, False, {})
-        values = nav_columns(out.nav[:1], with_shares=not self._setup.config.process.range_bias_states)
-        values |= self._setup.layout.in_columns(out.optional[:1])
-        return NavState(newest, True, {name: float(value[0]) for name, value in values.items()})
+        out = one_row(self._setup, rows)
+        if self._live is not None and newest is not None:
+            work = self._navigator.workspace(rows)
+            write_between(self._live, newest, self._samples.view(), self._navigator.parameters[0], out, work)
+        return out  # empty where it is lost, which the next epoch will say
 
     @property
     def events(self) -> list[Event]:
@@ -255,12 +261,7 @@ class FilterEngine:
 
     def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> GnssRows:
         """Return an epoch's rows; the carrier's differences need the epoch before it."""
-        if before is None or not self._setup.with_carrier:
-            return self._setup.rows(epoch, self._setup.messages)
-        both = self._setup.rows(joined([before, epoch]), self._setup.messages)
-        rows = from_epoch(both, len(both.epoch_ns) - 1)
-        rows.observation["sv"] = epoch.sv  # numbered as in the epoch's own table
-        return rows
+        return rows_of(self._setup, epoch, before)
 
     def _cut(self, cut: Cut) -> None:
         """Restart with the filter's carried start."""

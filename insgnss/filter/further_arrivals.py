@@ -10,7 +10,7 @@ import numpy as np
 
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.antennas.phase_log import PhaseLog
-from insgnss.filter.engine_results import EpochResult, unused_result
+from insgnss.filter.engine_results import EpochResult
 from insgnss.filter.epoch_tables import empty_epoch, tag_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.antenna_phases import MATCH_NS, epoch_of
@@ -84,7 +84,7 @@ class FurtherArrivals:
     def alone(self, number: int, epoch: GnssTable) -> EpochResult:
         """Return a further antenna's epoch that belongs to no main one."""
         nothing = replace(empty_epoch(), glonass_channels=epoch.glonass_channels)
-        result = unused_result(self._setup, nothing, tag_of(epoch))
+        result = EpochResult.unused(self._setup, nothing, tag_of(epoch))
         tables = [*[empty_epoch()] * (number - 1), epoch]
         result.differences = self._setup.phases(result.gnss, result.rows, tables)
         return result

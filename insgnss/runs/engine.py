@@ -12,7 +12,8 @@ from insgnss.aiding.stream import AidingStream, Message
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError
-from insgnss.filter.engine import EpochResult, FilterEngine
+from insgnss.filter.engine import FilterEngine
+from insgnss.filter.engine_results import EpochResult, NavState
 from insgnss.filter.epoch_tables import tag_of
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
@@ -22,6 +23,7 @@ from insgnss.receiver import SupervisedRun
 from insgnss.receiver.live import LiveSupervision
 from insgnss.receiver.sources import LATEST_SAMPLE_NS, setup_and_satellites
 from insgnss.runs.installation import LiveInstallation
+from insgnss.runs.integrity.live import LiveProtection, SubFilter
 from insgnss.sensors.live import forget_before, live_sensor, with_own_readings
 from insgnss.tables import Event, GnssTable
 
@@ -46,6 +48,10 @@ class Engine(FilterEngine):
     With ``supervise``, ``take_supervision`` has what the search supervisor decides of every satellite at each epoch,
     and at the usual interval while the receiver is silent. Where the epochs come in their order, the rows are
     ``run.supervision`` and ``run.transitions`` of a replay.
+
+    With ``integrity``, ``state`` and ``EpochResult.protection`` have protection levels. Once the satellites and
+    constellations of a log have all been used, and where pairs of constellations need no sub-filter, they are those of
+    a replay (``runs.integrity.live``).
     """
 
     def __init__(
@@ -56,6 +62,7 @@ class Engine(FilterEngine):
         on_aiding: Callable[[Message], None] | AidingSink | None = None,
         measurements: Sequence[Measurement] = (),
         supervise: bool = False,
+        integrity: bool = False,
     ) -> None:
         """Make an engine.
 
@@ -68,6 +75,8 @@ class Engine(FilterEngine):
             ``take_measurements`` has its status
         supervise : whether the search supervisor decides at each epoch what the receiver should do about every
             satellite of the constellations that the setup names; ``take_supervision`` has the decisions
+        integrity : whether ``state`` and results have protection levels; a sub-filter runs for each satellite and
+            constellation so far, its settings are the filter's ``[integrity]``
 
         Raises
         ------
@@ -95,6 +104,7 @@ class Engine(FilterEngine):
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
         self._installation = LiveInstallation(setup.layout)
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
+        self._protection = LiveProtection(self, self._setup) if integrity else None
 
     def __repr__(self) -> str:
         state = self.state
@@ -111,6 +121,47 @@ class Engine(FilterEngine):
                 all_events + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns
             )
         return all_events
+
+    @property
+    def state(self) -> NavState:
+        """The navigation state at the newest inertial sample."""
+        out, t_ns = self.newest_row(), self._samples.last_ns or 0
+        state = NavState.of(self._setup, out, t_ns)
+        if self._protection is not None and state.started:
+            state.values.update(self._protection.newest(out, t_ns))
+        return state
+
+    def imu(self, t_ns: int, gyro_radps: npt.ArrayLike, accel_mps2: npt.ArrayLike) -> None:
+        """Take one inertial sample, see ``FilterEngine``."""
+        super().imu(t_ns, gyro_radps, accel_mps2)
+        for sub in self._sub_filters:
+            sub.imu(t_ns, gyro_radps, accel_mps2)
+        self._protect()
+
+    def gnss(self, epoch: GnssTable, antenna: str | None = None) -> None:
+        """Take GNSS epochs, see ``FilterEngine``."""
+        if self._protection is not None and self._further.number(antenna) == 0:
+            self._protection.prepare(epoch)
+        super().gnss(epoch, antenna)
+        for sub in self._sub_filters:
+            sub.gnss(epoch, antenna)
+
+    def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
+        """Return the epochs that have become final, see ``FilterEngine``."""
+        taken = super().take_results(all_of_them=all_of_them)
+        for sub in self._sub_filters:
+            sub.take_results(all_of_them=all_of_them)
+        self._protect()
+        return taken
+
+    @property
+    def _sub_filters(self) -> list[SubFilter]:
+        return [] if self._protection is None else self._protection.sub_filters
+
+    def _protect(self) -> None:
+        """Give the results that have become final their protection levels."""
+        if self._protection is not None:
+            self._done += self._protection.compare()
 
     def sensor(self, name: str, t_ns: int, values: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> None:
         """Take a reading of a further sensor of the flight file ([[sensor]]), at most ``latency_s`` late.
@@ -143,13 +194,9 @@ class Engine(FilterEngine):
             return
         assert self._setup.own is not None  # a sensor was found in it
         self._setup.own.arrived.add(name, t_ns)
-        if newest is None or t_ns > newest:
-            return
-        since = [result.gnss for result in self._recent if result.t_ns >= t_ns]
-        if since:
-            self._insert(since[0])
-        self._live = None
-        self._carry_live()
+        self.again_from(t_ns)
+        for sub in self._sub_filters:
+            sub.again_from(t_ns)
 
     def take_measurements(self, *, all_of_them: bool = False) -> list[OwnEntry]:
         """Return the status of the rows of ``measurements`` that no late epoch can change any more, each once.
@@ -184,6 +231,8 @@ class Engine(FilterEngine):
     def _finish(self, results: list[EpochResult]) -> None:
         """Look whether the epochs have determined a number of the installation."""
         super()._finish(results)
+        if self._protection is not None:
+            self._protection.take_final(results)
         for result in results:
             if result.out.counts[0].nav:
                 values = self._setup.layout.in_columns(result.out.optional[0])

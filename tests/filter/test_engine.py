@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import EpochResult, FilterEngine
+from insgnss.filter.engine import FilterEngine
+from insgnss.filter.engine_results import EpochResult
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
 from insgnss.filter.output.writing import new_output

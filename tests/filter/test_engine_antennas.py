@@ -15,7 +15,7 @@ from insgnss.config.aiding import AidingConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.antennas.phase_log import PhaseLog
-from insgnss.filter.engine import EpochResult
+from insgnss.filter.engine_results import EpochResult
 from insgnss.filter.output.writing import Output
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import TraceIntervals, run_filter

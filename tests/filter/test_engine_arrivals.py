@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import EpochResult, FilterEngine
+from insgnss.filter.engine import FilterEngine
+from insgnss.filter.engine_results import EpochResult
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs

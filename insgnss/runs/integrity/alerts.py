@@ -100,7 +100,12 @@ def fault_table(separations: Separations) -> pd.DataFrame:
 def alert_events(separations: Separations) -> list[Event]:
     """Return an event for each suspect, at the first row of its first alert; the largest separation first."""
     ratio = separations.ratio()
-    of_rows = ratio.max(axis=1, initial=0.0)  # (k, n)
+    return [_event(separations, ratio, k, rows) for k, rows in suspect_rows(separations).items()]
+
+
+def suspect_rows(separations: Separations) -> dict[int, Int64]:
+    """Return the rows with an alert by the number of their suspect; the largest separation over its limit first."""
+    of_rows = separations.ratio().max(axis=1, initial=0.0)  # (k, n)
     alert = (of_rows > 1.0).any(axis=0)
     rows_of: dict[int, list[Int64]] = {}
     for first, end in stretches_of(alert):
@@ -108,7 +113,7 @@ def alert_events(separations: Separations) -> list[Event]:
         suspect = separations.suspect(candidates, int(first), int(end) - 1)
         rows_of.setdefault(suspect, []).append(np.arange(first, end))
     suspects = sorted(rows_of, key=lambda k: -float(of_rows[k].max()))
-    return [_event(separations, ratio, k, np.concatenate(rows_of[k])) for k in suspects]
+    return {k: np.concatenate(rows_of[k]) for k in suspects}
 
 
 def _event(separations: Separations, ratio: Float64, suspect: int, rows: Int64) -> Event:

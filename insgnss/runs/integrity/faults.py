@@ -22,7 +22,7 @@ where faults last an hour.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -38,7 +38,7 @@ MOST_UNMONITORED: Final = (
     0.5  # of the risk: more costs the levels more than sub-filters without two constellations
 )
 _FEWEST: Final = 5  # satellites of a sub-filter without two constellations: what a start needs
-_MEMORY_NS: Final = 60 * NS_PER_S  # of a position for its ranges
+MEMORY_NS: Final = 60 * NS_PER_S  # of a position for its ranges
 
 
 class Fault(NamedTuple):
@@ -68,18 +68,16 @@ def fault_model(blocks: Sequence[GnssRows], config: Integrity) -> FaultModel:
     epoch_ns = np.concatenate([np.zeros(0, np.int64), *(rows.epoch_ns for rows in blocks)])
     numbers, in_view = satellites_in_view(blocks, epoch_ns)
     letters = np.array([satellite_name(int(number))[0] for number in numbers], "U1")
-    p, q = config.satellite_fault, config.constellation_fault
+    p = config.satellite_fault
     faults = [Fault(satellite_name(int(number)), np.array([number]), p) for number in numbers]
     count = {letter: in_view[letters == letter].sum(axis=0) for letter in sorted(set(letters.tolist()))}
+    unmonitored = two_at_once(count, config) + np.zeros(len(epoch_ns))
     if len(count) < 2:
-        return FaultModel(
-            faults, epoch_ns, sum((_two_of(n, p) for n in count.values()), np.zeros(len(epoch_ns)))
-        )
+        return FaultModel(faults, epoch_ns, unmonitored)
     for letter, n in count.items():
-        faults.append(Fault(letter, numbers[letters == letter], q + float(_two_of(n, p).max())))
-    faulty = {letter: np.where(n > 0, n * p + q, 0.0) for letter, n in count.items()}
+        faults.append(Fault(letter, numbers[letters == letter], of_constellation(int(n.max()), config)))
+    faulty = {letter: _faulty(n, config) for letter, n in count.items()}
     pairs = {pair: faulty[pair[0]] * faulty[pair[1]] for pair in combinations(faulty, 2)}
-    unmonitored: Float64 = sum(pairs.values(), np.zeros(len(epoch_ns)))
     if len(count) > 2 and unmonitored.max() > MOST_UNMONITORED * config.risk:
         unmonitored = unmonitored + sum(
             faulty[a] * faulty[b] * faulty[c] for a, b, c in combinations(faulty, 3)
@@ -95,15 +93,31 @@ def fault_model(blocks: Sequence[GnssRows], config: Integrity) -> FaultModel:
     return FaultModel(faults, epoch_ns, unmonitored)
 
 
+def of_constellation(n: int, config: Integrity) -> float:
+    """Return the probability of a constellation's fault, or of two of its ``n`` satellites in view."""
+    return config.constellation_fault + float(_two_of(np.array(n), config.satellite_fault))
+
+
+def two_at_once(count: Mapping[str, Int64 | int], config: Integrity) -> Float64:
+    """Return the probability that two constellations or more are faulty; of the only one, two satellites or more.
+
+    ``count`` has the satellites in view by constellation, at one epoch or at many (m,).
+    """
+    if len(count) < 2:
+        return sum((_two_of(np.asarray(n), config.satellite_fault) for n in count.values()), np.zeros(()))
+    faulty = [_faulty(np.asarray(n), config) for n in count.values()]
+    return sum((a * b for a, b in combinations(faulty, 2)), np.zeros(()))
+
+
 def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int64, Bool]:
     """Return the numbers of a log's usable satellites (s,), and whether each counts as in view at each epoch (s, m)."""
     counts = [np.diff(rows.first) for rows in blocks]
     epoch = np.repeat(np.arange(len(epoch_ns)), np.concatenate([np.zeros(0, np.int64), *counts]))
-    number = np.concatenate([np.zeros(0, np.int64), *(_numbers(rows) for rows in blocks)])
-    usable = np.concatenate([np.zeros(0, np.bool_), *(_usable(rows) for rows in blocks)])
+    number = np.concatenate([np.zeros(0, np.int64), *(numbers_of(rows) for rows in blocks)])
+    usable = np.concatenate([np.zeros(0, np.bool_), *(usable_of(rows) for rows in blocks)])
     numbers = np.unique(number[usable])
-    begin = np.searchsorted(epoch_ns, epoch_ns - _MEMORY_NS)
-    end = np.searchsorted(epoch_ns, epoch_ns + _MEMORY_NS, side="right")
+    begin = np.searchsorted(epoch_ns, epoch_ns - MEMORY_NS)
+    end = np.searchsorted(epoch_ns, epoch_ns + MEMORY_NS, side="right")
     in_view = np.zeros((len(numbers), len(epoch_ns)), np.bool_)
     for one, satellite in zip(in_view, numbers, strict=True):
         here = np.zeros(len(epoch_ns), np.int64)
@@ -117,7 +131,7 @@ def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int
 
 def without(rows: GnssRows, satellites: Int64) -> GnssRows:
     """Return a copy of rows of which none of some satellites is used."""
-    off = np.isin(_numbers(rows), satellites)
+    off = np.isin(numbers_of(rows), satellites)
     observation, carrier = rows.observation.copy(), rows.carrier.copy()
     observation["status"][off[:, None] & (observation["status"] == USED)] = SWITCHED_OFF
     if len(carrier):
@@ -125,14 +139,21 @@ def without(rows: GnssRows, satellites: Int64) -> GnssRows:
     return rows._replace(observation=observation, carrier=carrier)
 
 
+def _faulty(n: Int64, config: Integrity) -> Float64:
+    """Return the probability of a fault among a constellation's satellites in view or of its own."""
+    return np.where(n > 0, n * config.satellite_fault + config.constellation_fault, 0.0)
+
+
 def _two_of(n: Int64, p: float) -> Float64:
     """Return an upper bound of the probability that two of n satellites or more are faulty."""
     return np.asarray(0.5 * p**2 * n * (n - 1), np.float64)
 
 
-def _numbers(rows: GnssRows) -> Int64:
+def numbers_of(rows: GnssRows) -> Int64:
+    """Return the number of each row's satellite (n,)."""
     return np.asarray(rows.observation["slot"], np.int64) // N_BANDS
 
 
-def _usable(rows: GnssRows) -> Bool:
+def usable_of(rows: GnssRows) -> Bool:
+    """Return which rows have a measurement that may be used (n,)."""
     return np.asarray((rows.observation["status"] == USED).any(axis=1))

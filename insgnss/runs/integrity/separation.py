@@ -96,17 +96,37 @@ def protection_of(separation: Separation, nav: pd.DataFrame, t_ns: Int64, config
     sigma = nav[[f"sd_{axis}_m" for axis in AXES]].to_numpy().T
     p = np.array([fault.probability for fault in separation.faults])
     risk = np.maximum(config.risk - separation.unmonitored, 0.0)
-    levels = [
-        protection_level(sigma[i], separation.d[:, i], separation.sigma[:, i], p, share * risk)
-        for i, share in enumerate(_SHARES)
-    ]
-    limit = _quantile(config.false_alert / (len(AXES) * max(len(p), 1))) * separation.sigma
+    hpl_m, vpl_m = protection_levels(sigma, separation.d, separation.sigma, p, risk)
     separations = Separations(
-        *(separation.faults, separation.d, limit, t_ns, nav["time_s"].to_numpy()),
-        *(separation.misfit, separation.epoch_ns),
+        *(separation.faults, separation.d, alert_limits(separation.sigma, config), t_ns),
+        *(nav["time_s"].to_numpy(), separation.misfit, separation.epoch_ns),
     )
     events = alert_events(separations) + _spent_risk(separation.unmonitored, t_ns, config)
-    return Protection(np.hypot(levels[0], levels[1]), levels[2], fault_table(separations), events)
+    return Protection(hpl_m, vpl_m, fault_table(separations), events)
+
+
+def protection_levels(
+    sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: Float64
+) -> tuple[Float64, Float64]:
+    """Return the horizontal and the vertical level of n rows, (n,) each.
+
+    Parameters
+    ----------
+    sigma : (3, n) of the full solution, north, east, down
+    d, of_faults : (k, 3, n) separation and sigma of the sub-filters
+    p : (k,) probability of each fault
+    risk : (n,) that is left for what the levels bound
+    """
+    levels = [
+        protection_level(sigma[i], d[:, i], of_faults[:, i], p, share * risk)
+        for i, share in enumerate(_SHARES)
+    ]
+    return np.hypot(levels[0], levels[1]), levels[2]
+
+
+def alert_limits(of_faults: Float64, config: Integrity) -> Float64:
+    """Return how far each sub-filter, of a sigma (k, 3, n), may be from the full solution without an alert."""
+    return np.asarray(_quantile(config.false_alert / (len(AXES) * max(len(of_faults), 1))) * of_faults)
 
 
 def protection_level(
@@ -145,12 +165,18 @@ def _spent_risk(unmonitored: Float64, t_ns: Int64, config: Integrity) -> list[Ev
     rows = np.flatnonzero(unmonitored >= config.risk)
     if not len(rows):
         return []
-    detail = (
-        f"no protection level in {len(rows)} of {len(unmonitored)} rows: two faults at once, which no sub-filter"
-        f" covers, have a probability of up to {unmonitored.max():.1e}, integrity.risk is {config.risk:.1e}; raise it,"
-        " or lower integrity.satellite_fault and integrity.constellation_fault"
-    )
+    where = f"in {len(rows)} of {len(unmonitored)} rows"
+    detail = spent_risk(where, float(unmonitored.max()), config)
     return [Event(int(t_ns[rows[0]]), "integrity_risk_spent", detail)]
+
+
+def spent_risk(where: str, unmonitored: float, config: Integrity) -> str:
+    """Return the text that says why there is no protection level."""
+    return (
+        f"no protection level {where}: two faults at once, which no sub-filter covers, have a probability of up to"
+        f" {unmonitored:.1e}, integrity.risk is {config.risk:.1e}; raise it, or lower integrity.satellite_fault and"
+        " integrity.constellation_fault"
+    )
 
 
 def _sub_filter(
@@ -165,13 +191,25 @@ def _sub_filter(
         return d, sigma, np.zeros(sum(len(rows.epoch_ns) for rows in job.blocks))
     rows = out.nav[: out.counts[0].nav]
     _, here, there = np.intersect1d(nav["t_ns"], rows["t_ns"], return_indices=True)
-    full, sub = nav["value"][here], rows["value"][there]
+    d[:, here], sigma[:, here] = from_full(nav[here], rows[there])
+    return d, sigma, epoch_misfit(job.blocks, own_ledger, ledger)
+
+
+def from_full(nav: Table, rows: Table) -> tuple[Float64, Float64]:
+    """Return how far a sub-filter's navigation rows are from the full filter's at the same times, and their sigma.
+
+    Both north, east, down [m] (3, n).
+    """
+    full, sub = nav["value"], rows["value"]
     difference = [
         b - a
         for a, b in zip(
             pymap3d.geodetic2ecef(*full[:, _PLACE].T), pymap3d.geodetic2ecef(*sub[:, _PLACE].T), strict=True
         )
     ]
-    d[:, here] = pymap3d.ecef2nedv(*difference, full[:, 0], full[:, 1])
-    sigma[:, here] = total_values(rows[there])[:, _SIGMA].T
-    return d, sigma, epoch_misfit(job.blocks, own_ledger, ledger)
+    return np.array(pymap3d.ecef2nedv(*difference, full[:, 0], full[:, 1])), place_sigma(rows)
+
+
+def place_sigma(rows: Table) -> Float64:
+    """Return the sigmas of the position, the errors that last included: north, east, down [m] (3, n)."""
+    return total_values(rows)[:, _SIGMA].T

@@ -1,0 +1,164 @@
+"""Protection levels of the live filter: those of a replay once all satellites are known, alerts, what is not known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import insgnss
+from insgnss.config.library import filter_config
+from insgnss.filter.engine_results import EpochResult
+from insgnss.gnss.observation_rows import satellite_name
+from insgnss.gnss.orbits.satellite_state import satellite_states
+from insgnss.log.flight import FlightInMemory
+from insgnss.runs.integrity.live import SubFilter, _Monitored
+from insgnss.runs.setup import setup_filter
+from insgnss.tables import GnssTable
+from tests.filter.test_engine import no_delay, stream
+from tests.runs.scenes import START_NS, flight, rows_where, turns
+from tests.runs.test_protection_levels import OPEN, with_fault
+from tests.sensors.test_live import fed, live_setup, made
+
+
+def seconds(t_ns: int) -> float:
+    return (t_ns - START_NS) / 1e9
+
+
+@cache
+def two_constellations() -> FlightInMemory:
+    """Return a flight of which every other satellite is called a Galileo satellite; one rises after 25 s."""
+    flown = flight(turns(50.0), seed=911)
+    gnss, navigation = flown.logs.gnss, flown.logs.navigation
+    states = satellite_states(gnss, navigation)
+    sat = np.column_stack([states.sat[:, :6], states.clock_m, states.drift_mps])
+    names = tuple(("GE"[i % 2]) + sv[1:] for i, sv in enumerate(gnss.sv_names))
+    gnss = replace(gnss, sat=sat, sv_names=names)
+    stated = replace(flown, logs=replace(flown.logs, navigation=None))
+    return with_log(stated, risen(gnss, names[-1], 25.0))
+
+
+def risen(gnss: GnssTable, sv: str, at_s: float) -> GnssTable:
+    """Return a log without a satellite before it rises."""
+    hidden = (gnss.sv == gnss.sv_names.index(sv)) & (gnss.t_ns < START_NS + round(at_s * 1e9))
+    return rows_where(gnss, ~hidden)
+
+
+def with_log(flown: FlightInMemory, gnss: GnssTable) -> FlightInMemory:
+    return replace(flown, logs=replace(flown.logs, gnss=gnss))
+
+
+def engine_of(flown: FlightInMemory, settings: dict[str, object] | None = None) -> insgnss.Engine:
+    config = filter_config("tight", settings)
+    return insgnss.Engine(setup_filter(flown, flown.logs, config), integrity=True)
+
+
+def streamed(
+    flown: FlightInMemory, delays_ns: Iterator[int], settings: dict[str, object] | None = None
+) -> tuple[insgnss.Engine, list[EpochResult]]:
+    """Return an engine with protection levels that was fed a flight, and its results."""
+    engine = engine_of(flown, settings)
+    stream(engine, flown.logs, delays_ns)
+    return engine, engine.take_results(all_of_them=True)
+
+
+def levels_of(results: list[EpochResult], from_s: float) -> pd.DataFrame:
+    """Return the levels of the results that have some, in seconds of the flight."""
+    rows = [
+        (seconds(r.t_ns), r.protection.hpl_m, r.protection.vpl_m) for r in results if r.protection is not None
+    ]
+    table = pd.DataFrame(rows, columns=["t", "hpl_m", "vpl_m"])
+    return table[table["t"] >= from_s].reset_index(drop=True)
+
+
+def replayed_levels(flown: FlightInMemory, from_s: float) -> pd.DataFrame:
+    nav = insgnss.replay(flown, integrity=True).nav
+    table = pd.DataFrame(
+        {"t": nav["time_s"] - START_NS / 1e9 % 604800, "hpl_m": nav["hpl_m"], "vpl_m": nav["vpl_m"]}
+    )
+    return table[table["t"] >= from_s - 1e-6].reset_index(drop=True)
+
+
+def some_late() -> Iterator[int]:
+    """Yield delays of 0, 0.7 and 0.35 s."""
+    while True:
+        yield from (0, 700_000_000, 350_000_000)
+
+
+@pytest.mark.parametrize("delays_ns", [no_delay, some_late])
+def test_levels_are_those_of_replay_to_the_last_bit_once_all_satellites_have_risen(delays_ns: object) -> None:
+    """Two constellations, one satellite 25 s after the others: its sub-filter begins as a copy of the full one."""
+    flown = two_constellations()
+    assert callable(delays_ns)
+    engine, results = streamed(flown, delays_ns())
+    live = levels_of(results, 26.0)
+    wanted = replayed_levels(flown, 26.0)[: len(live)]  # an epoch that is late at the end has not come
+    assert len(live) > 20 and np.isfinite(live["hpl_m"]).all()
+    np.testing.assert_array_equal(live["hpl_m"], wanted["hpl_m"])
+    np.testing.assert_array_equal(live["vpl_m"], wanted["vpl_m"])
+    before = [r.protection for r in results if r.protection is not None and seconds(r.t_ns) < 23.5]
+    after = [r.protection for r in results if r.protection is not None and seconds(r.t_ns) > 26.0]
+    assert {len(p.faults) for p in before} == {len(after[-1].faults) - 1}
+    assert {"G", "E"} < set(after[-1].faults)
+    assert engine.state.values["hpl_m"] == pytest.approx(live["hpl_m"].iloc[-1], rel=0.2)
+
+
+def test_full_solution_is_that_of_an_engine_without_levels() -> None:
+    flown = two_constellations()
+    plain = insgnss.Engine(setup_filter(flown, flown.logs, filter_config("tight")))
+    stream(plain, flown.logs, some_late())
+    wanted = [r.out.nav.tobytes() for r in plain.take_results(all_of_them=True)]
+    engine, results = streamed(flown, some_late())
+    assert [r.out.nav.tobytes() for r in results] == wanted
+    assert [str(e) for e in engine.events] == [str(e) for e in plain.events]
+    assert not {"hpl_m", "vpl_m"} & set(plain.state.values)
+
+
+def test_fault_that_the_filter_believes_is_told_once_with_its_suspect() -> None:
+    flown = flight(turns(70.0), seed=902)
+    sv = sorted(flown.logs.gnss.sv_names)[1]
+    wrong = with_fault(flown, sv, 40.0, -40.0)
+    engine, results = streamed(wrong, no_delay(), OPEN)
+    alerts = [event for event in engine.events if event.kind == "integrity_alert"]
+    assert [event.detail.startswith(f"suspect {sv}: ") for event in alerts] == [True]
+    events = insgnss.replay(wrong, settings=OPEN, integrity=True).events
+    wanted = events[events["kind"] == "integrity_alert"]["time_s"].tolist()
+    assert [seconds(alerts[0].t_ns or 0)] == pytest.approx([t - START_NS / 1e9 % 604800 for t in wanted])
+    last = results[-1].protection
+    assert last is not None
+    k = last.faults.index(sv)
+    assert (np.abs(last.separation_m[k]) > last.limit_m[k]).any()
+
+
+def test_readings_of_further_sensors_reach_the_sub_filters_late_or_not() -> None:
+    """A fault that no satellite of the log has: its sub-filter is the full filter, to the last bit."""
+    flown = made()
+    engine = insgnss.Engine(live_setup(flown), integrity=True)
+    assert engine._protection is not None
+    absent = SubFilter(engine, engine._setup, np.array([0]))
+    engine._protection._monitored.append(_Monitored(satellite_name(0), absent))
+    fed(engine, flown, 430_000_000)
+    assert len(engine.take_measurements()) > 50
+    assert absent.newest_row().nav.tobytes() == engine.newest_row().nav.tobytes()
+
+
+def test_level_is_infinite_where_a_sub_filter_has_no_solution() -> None:
+    """Five satellites are enough for a filter; four of them start none."""
+    flown = flight(turns(40.0), seed=905)
+    gnss = flown.logs.gnss
+    few = with_log(flown, rows_where(gnss, np.isin(gnss.sv, [0, 1, 2, 3, 4])))
+    _, results = streamed(few, no_delay())
+    levels = levels_of(results, 0.0)
+    assert len(levels) > 10 and np.isinf(levels["hpl_m"]).all()
+
+
+def test_spent_risk_is_told_once() -> None:
+    settings: dict[str, object] = {"integrity.risk": 1e-9, "integrity.satellite_fault": 1e-4}
+    engine, results = streamed(flight(turns(40.0), seed=906), no_delay(), settings)
+    assert [event.kind for event in engine.events].count("integrity_risk_spent") == 1
+    assert math.isinf(levels_of(results, 30.0)["hpl_m"].min())
