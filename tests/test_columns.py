@@ -30,6 +30,7 @@ from insgnss.runs.result import TABLES, Run
 from insgnss.sensors.vehicle_rows import vehicle_states
 from insgnss.status import NAMES
 from tests.conftest import REPOSITORY
+from tests.described_columns import absent, undescribed
 from tests.runs.scenes import flight, turns
 
 SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
@@ -123,19 +124,19 @@ def test_table_of_a_run_has_the_columns_of_the_page(run: Run, name: str) -> None
     made = insgnss.replay(flight(turns(40.0)), smooth=True) if name == "filtered" else run
     table = getattr(made, name)
 
-    assert SHEETS[name].undescribed(table.columns) == []
-    assert set(SHEETS[name].absent(table.columns)) - SOMETIMES - OF_REFERENCE == set()
+    assert undescribed(SHEETS[name], table.columns) == []
+    assert set(absent(SHEETS[name], table.columns)) - SOMETIMES - OF_REFERENCE == set()
 
 
 @pytest.mark.parametrize("name", POINT_TABLES)
 def test_table_of_a_point_solution_has_the_columns_of_the_page(name: str) -> None:
     table = getattr(point_run(), name)
     filters = {
-        c for c in SHEETS["errors"].absent(table.columns) if c.endswith("_deg") or "_slow_" in c
+        c for c in absent(SHEETS["errors"], table.columns) if c.endswith("_deg") or "_slow_" in c
     } | OF_REFERENCE
 
-    assert SHEETS[name].undescribed(table.columns) == []
-    assert set(SHEETS[name].absent(table.columns)) - (filters if name == "errors" else set()) == set()
+    assert undescribed(SHEETS[name], table.columns) == []
+    assert set(absent(SHEETS[name], table.columns)) - (filters if name == "errors" else set()) == set()
 
 
 @cache
@@ -148,13 +149,13 @@ def point_run() -> insgnss.PointRun:
     [("imu.csv", ImuColumns), ("gnss.csv", GnssColumns), ("reference.csv", ReferenceColumns)],
 )
 def test_log_has_the_columns_of_the_page(name: str, model: type[BaseModel]) -> None:
-    assert SHEETS[name].undescribed(defaults(model)) == []
-    assert SHEETS[name].absent(defaults(model)) == []
+    assert undescribed(SHEETS[name], defaults(model)) == []
+    assert absent(SHEETS[name], defaults(model)) == []
 
 
 def test_schemas_of_navigation_and_aiding_are_described() -> None:
     assert (
-        SHEETS["nav"].undescribed(("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m", "ionosphere_m"))
+        undescribed(SHEETS["nav"], ("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m", "ionosphere_m"))
         == []
     )
     made = [
@@ -164,8 +165,8 @@ def test_schemas_of_navigation_and_aiding_are_described() -> None:
         for column in block.columns
     ]
     assert set(made) == set(OF_VEHICLES)
-    assert SHEETS["nav"].undescribed([*made, *(f"sd_{name}" for name in made)]) == []
-    assert SHEETS["aiding"].undescribed(aiding_table.COLUMNS) == []
+    assert undescribed(SHEETS["nav"], [*made, *(f"sd_{name}" for name in made)]) == []
+    assert undescribed(SHEETS["aiding"], aiding_table.COLUMNS) == []
 
 
 def test_every_column_has_one_meaning() -> None:
@@ -179,8 +180,8 @@ def test_every_column_has_one_meaning() -> None:
 def test_column_without_a_meaning_is_found() -> None:
     sheet = Sheet("made", "row", "a_m: a length\nb_m:\nc_*_m: a family\n  of lengths")
 
-    assert sheet.undescribed(["a_m", "b_m", "c_x_m", "d_m"]) == ["b_m", "d_m"]
-    assert sheet.absent(["a_m", "b_m"]) == ["c_*_m"]
+    assert undescribed(sheet, ["a_m", "b_m", "c_x_m", "d_m"]) == ["b_m", "d_m"]
+    assert absent(sheet, ["a_m", "b_m"]) == ["c_*_m"]
     assert sheet.columns()[-1].meaning == "a family of lengths"
 
 

@@ -95,11 +95,6 @@ class GyroState:
         quaternion_to_matrix(self.q_nb, C)
         return C
 
-    @property
-    def sd_attitude_rad(self) -> float:
-        """Return the predicted spherical error: the root of the trace of the attitude's covariance."""
-        return math.sqrt(float(np.trace(self.covariance[PSI, PSI])))
-
 
 @dataclass(frozen=True)
 class PhaseUpdate:

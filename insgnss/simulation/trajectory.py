@@ -110,14 +110,6 @@ class Trajectory:
         C_eb = np.asarray(self.rotation_eb(t).as_matrix())
         return TrajectoryState(t, self.position_e(t), self.velocity_e(t), C_eb, self.rate_eb_b(t))
 
-    def position_i(self, t_s: Float64) -> Float64:
-        """Return positions in the inertial frame, r_i = R(omega t) r_e (n, 3) [m]."""
-        return np.asarray(earth_turn(t_s).apply(self.position_e(t_s)))
-
-    def rotation_ib(self, t_s: Float64) -> Rotation:
-        """Return the attitudes C_ib = R(omega t) C_eb (n rotations)."""
-        return earth_turn(t_s) * self.rotation_eb(t_s)
-
     def inertial_acceleration_e(self, t_s: Float64) -> Float64:
         """Return the second derivative of r_i, expressed in ECEF axes (n, 3) [m/s^2].
 

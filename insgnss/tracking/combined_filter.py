@@ -157,13 +157,6 @@ class CombinedModel:
             P = F @ filtered[k] @ F.T + Q
         return Variances(gains, filtered)
 
-    def difference_variance(self, initial: float, epochs: npt.ArrayLike) -> Float64:
-        """Return the variance of code minus phase range after a number of epochs, without divergence [m^2].
-
-        Equation: 1 / (1 / P0 + k / (D_tau + D_taud))
-        """
-        return np.asarray(1.0 / (1.0 / initial + np.asarray(epochs, float) / np.sum(self.noise())))
-
 
 def _updated(P: Float64, D: Float64) -> tuple[Float64, Float64]:
     """Return covariance and gains after both observations, in Joseph's form: D_tau is 10^8 times D_taud."""

@@ -26,6 +26,7 @@ from insgnss.report.sbet import ACCURACY_FIELDS, FIELDS
 from insgnss.report.solution import solution
 from insgnss.runs.columns.page import SHEETS
 from insgnss.runs.result import Run
+from tests.described_columns import undescribed
 from tests.report.runs import START_S, made_run, words
 
 KML = "{http://www.opengis.net/kml/2.2}"
@@ -334,7 +335,7 @@ def test_csv_begins_with_utc_and_every_column_has_a_meaning(tmp_path: Path) -> N
     assert (read["gps_week"] == 2385).all()
     assert np.allclose(read["h_msl_m"] + read["geoid_m"], read["h_m"])
     assert {"heading_deg", "h_msl_m", "time_s"} <= set(read.columns)
-    assert SHEETS["export"].undescribed(SHEETS["nav"].undescribed(read.columns)) == []
+    assert undescribed(SHEETS["export"], undescribed(SHEETS["nav"], read.columns)) == []
 
 
 def test_gpx_has_heights_above_the_sea() -> None:

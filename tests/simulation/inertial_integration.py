@@ -12,6 +12,16 @@ from insgnss.simulation.trajectory import InertialIncrements, Trajectory
 EARTH = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
 
+def position_i(trajectory: Trajectory, t_s: np.ndarray) -> np.ndarray:
+    """Return positions in the inertial frame, r_i = R(omega t) r_e (n, 3) [m]."""
+    return np.asarray(Rotation.from_rotvec(np.outer(t_s, EARTH)).apply(trajectory.position_e(t_s)))
+
+
+def rotation_ib(trajectory: Trajectory, t_s: np.ndarray) -> Rotation:
+    """Return the attitudes C_ib = R(omega t) C_eb (n rotations)."""
+    return Rotation.from_rotvec(np.outer(t_s, EARTH)) * trajectory.rotation_eb(t_s)
+
+
 def gravitation_i(r_i: np.ndarray, t_s: float) -> np.ndarray:
     """Return gravitation at an inertial position: normal gravity there, without the centrifugal part."""
     c, s = np.cos(WGS84_OMEGA_RADPS * t_s), np.sin(WGS84_OMEGA_RADPS * t_s)
@@ -55,8 +65,8 @@ def integrate(
     """Return every second edge, the integrated inertial positions there, and the final attitude C_ib."""
     edges = increments.edges_s
     start = edges[:1]
-    r = trajectory.position_i(start)[0]
-    C_ib = trajectory.rotation_ib(start).as_matrix()[0]
+    r = position_i(trajectory, start)[0]
+    C_ib = rotation_ib(trajectory, start).as_matrix()[0]
     v_e, r_e = trajectory.velocity_e(start)[0], trajectory.position_e(start)[0]
     v = Rotation.from_rotvec(EARTH * edges[0]).apply(v_e + np.cross(EARTH, r_e))
     places = [r]

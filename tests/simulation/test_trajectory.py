@@ -15,7 +15,7 @@ from insgnss.geodesy.local_level import ned_axes
 from insgnss.simulation import journeys
 from insgnss.simulation.trajectory import Trajectory
 from tests.geodesy.somigliana import somigliana
-from tests.simulation.inertial_integration import gravitation_i, integrate
+from tests.simulation.inertial_integration import gravitation_i, integrate, position_i, rotation_ib
 
 EARTH = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
@@ -29,9 +29,9 @@ def closure_m(trajectory: Trajectory, from_s: float, to_s: float, step_s: float 
     """Return the largest distance between integrated increments and the trajectory [m]."""
     edges = from_s + step_s * np.arange(2.0 * round((to_s - from_s) / (2 * step_s)) + 1.0)
     t, places, C_ib = integrate(trajectory, trajectory.increments(edges))
-    turned = Rotation.from_matrix(C_ib.T @ trajectory.rotation_ib(t[-1:]).as_matrix()[0]).magnitude()
+    turned = Rotation.from_matrix(C_ib.T @ rotation_ib(trajectory, t[-1:]).as_matrix()[0]).magnitude()
     assert turned < 1e-10
-    return float(np.max(np.linalg.norm(places - trajectory.position_i(t), axis=1)))
+    return float(np.max(np.linalg.norm(places - position_i(trajectory, t), axis=1)))
 
 
 def test_velocity_is_the_derivative_of_position(flight: Trajectory) -> None:
@@ -45,15 +45,15 @@ def test_velocity_is_the_derivative_of_position(flight: Trajectory) -> None:
 
 def test_angular_rate_is_the_derivative_of_the_inertial_attitude(flight: Trajectory) -> None:
     t, h = np.arange(75.0, 1195.0, 1.7), 1e-3
-    turn = flight.rotation_ib(t - h).inv() * flight.rotation_ib(t + h)
+    turn = rotation_ib(flight, t - h).inv() * rotation_ib(flight, t + h)
     assert np.max(np.abs(turn.as_rotvec() / (2.0 * h) - flight.angular_rate_b(t))) < 1e-6
 
 
 def test_specific_force_is_inertial_acceleration_less_gravitation(flight: Trajectory) -> None:
     t, h = np.arange(75.0, 1195.0, 3.1), 0.1
-    second = (flight.position_i(t + h) - 2.0 * flight.position_i(t) + flight.position_i(t - h)) / h**2
-    gravitation = np.array([gravitation_i(r, s) for r, s in zip(flight.position_i(t), t, strict=True)])
-    f_b = flight.rotation_ib(t).apply(second - gravitation, inverse=True)
+    second = (position_i(flight, t + h) - 2.0 * position_i(flight, t) + position_i(flight, t - h)) / h**2
+    gravitation = np.array([gravitation_i(r, s) for r, s in zip(position_i(flight, t), t, strict=True)])
+    f_b = rotation_ib(flight, t).apply(second - gravitation, inverse=True)
     # second difference over 0.1 s: h^2/12 of the fourth derivative (rolling in at 45 deg), and 4e-7 of rounding
     assert np.max(np.abs(f_b - flight.specific_force_b(t))) < 5e-3
     assert np.median(np.abs(f_b - flight.specific_force_b(t))) < 2e-5

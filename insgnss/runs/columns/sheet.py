@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -72,16 +70,6 @@ class Sheet:
     def columns(self) -> list[Column]:
         """Return all columns."""
         return [column for columns, _ in self.lines() for column in columns]
-
-    def undescribed(self, names: Iterable[str]) -> list[str]:
-        """Return which of these columns have no meaning here."""
-        known = [column.name for column in self.columns() if column.meaning]
-        return [name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in known)]
-
-    def absent(self, names: Iterable[str]) -> list[str]:
-        """Return which of the columns described here are not among these."""
-        present = list(names)
-        return [c.name for c in self.columns() if not fnmatch.filter(present, c.name)]
 
 
 def unit_of(name: str) -> str:
