@@ -15,7 +15,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 import numpy as np
@@ -73,11 +73,14 @@ def _leaves(value: Any) -> Iterator[np.ndarray]:
 def record() -> Recording:
     """Run all cases; functions are noted as entered only where they run as plain Python."""
     recording = Recording()
+    met: dict[int, CodeType] = {}  # kept, so that no other code takes the number
 
     def note(frame: FrameType, event: str, _: Any) -> None:
-        module = frame.f_globals.get("__name__", "")
-        if event == "call" and module.startswith("insgnss"):
-            recording.entered.add(f"{module}:{frame.f_code.co_name}")
+        if event == "call" and id(frame.f_code) not in met:
+            met[id(frame.f_code)] = frame.f_code
+            module = frame.f_globals.get("__name__", "")
+            if module.startswith("insgnss"):
+                recording.entered.add(f"{module}:{frame.f_code.co_name}")
 
     for case in all_cases():
         sys.setprofile(note)
