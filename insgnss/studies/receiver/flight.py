@@ -28,7 +28,7 @@ from insgnss.studies.receiver.admission import check_options, require_answers
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
-from insgnss.studies.receiver.scene import LaidCourse, StudyScene, scene_of
+from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.settling import SETTLED_DBHZ, Fall, settling_s
 from insgnss.studies.receiver.variants import Variant
 from insgnss.tables import Float64
@@ -42,7 +42,7 @@ _SLACK: Final = (
 class FlightRequest(NamedTuple):
     """What is asked of a study, except for its receivers."""
 
-    scenario: str | Path | SimulationConfig | LaidCourse
+    scenario: str | Path | SimulationConfig
     tracking: str
     imu: str | ImuGrade | None
     oscillator: str | Mapping[str, float]
@@ -90,7 +90,7 @@ def receiver_flight(
     slowest = settles.at(levels[-1])
     if asked.options.average_s is None:
         chosen = _with_average(asked.options, scene.options, slowest, wanted)
-        scene, profiles = _scene(asked._replace(scenario=scene.course, options=chosen), levels)
+        scene, profiles = _scene(asked._replace(options=chosen), levels)
     after_s = _latest_s(scene)
     late = {name: _late(found, after_s) for name, found in slowest.items()}
     unsettled = {(name, levels[-1]): words for name, words in late.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -96,7 +97,7 @@ class StudyScene:
 
 
 def scene_of(
-    scenario: str | Path | SimulationConfig | LaidCourse,
+    scenario: str | Path | SimulationConfig,
     tracking: str,
     imu: str | ImuGrade | None,
     oscillator: str | Mapping[str, float],
@@ -104,7 +105,7 @@ def scene_of(
     *,
     whole: bool = False,
 ) -> StudyScene:
-    """Return the scene of a study; a course that has been laid before serves again.
+    """Return the scene of a study.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def scene_of(
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
     require_imu(imu)
     check_options(options)
-    course = scenario if isinstance(scenario, LaidCourse) else _laid(scenario)
+    course = _laid(scenario)
     trajectory, whole_s = course.trajectory, course.whole_s
     begins_s = _begin_s(course.config, whole_s, options)
     o, step = with_duration(options, whole_s - begins_s, whole=whole), options.step_s
@@ -189,6 +190,12 @@ def _laid(scenario: str | Path | SimulationConfig) -> LaidCourse:
             key="manoeuvre",
             advice="give one with a list of manoeuvres",
         )
+    return _course(config)
+
+
+@lru_cache(maxsize=2)
+def _course(config: SimulationConfig) -> LaidCourse:
+    """Return the course of a list of manoeuvres; studies that follow each other fly the one that has been laid."""
     return LaidCourse(config, *trajectory_of(config, Inputs(), 0))
 
 
