@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from insgnss.attitude.array_observability import SAME_DIRECTION
-from insgnss.geodesy.rotations import rotation_matrix
+from insgnss.geodesy.rotations import rotation_matrices
 from insgnss.tables import Float64, Int64
 
 _STEP_CYCLES: Final = 0.2  # by which no difference changes more from node to node, about each axis
@@ -154,8 +154,8 @@ def _fitted(rows: DifferenceRows, prior: Prior, step: float, W: Float64) -> tupl
         rows = replace(rows, value_m=rows.value_m - prior.wound_m)
     tilts, turns = _axes(prior, step)
     pairs = np.array(list(itertools.product(tilts, tilts)))
-    level = np.stack([rotation_matrix([north, east, 0.0]) for north, east in pairs])
-    heading = np.stack([rotation_matrix([0.0, 0.0, turn]) for turn in turns]) @ prior.C_nb
+    level = rotation_matrices(np.pad(pairs, ((0, 0), (0, 1))))
+    heading = rotation_matrices(np.pad(turns[:, None], ((0, 0), (2, 0)))) @ prior.C_nb
     C = (level[:, None] @ heading[None]).reshape(-1, 3, 3)
     tilt = np.repeat(pairs, len(turns), axis=0)
     cycles, rest = _rounded(rows, C)
@@ -208,5 +208,4 @@ def _improved(
     known[:, 2, 2] += 1e-6  # a vertical baseline gives no heading
     slope[:, :2] -= tilt / sd_level**2
     phi = np.linalg.solve(known, slope[..., None])[..., 0]
-    turn = np.stack([rotation_matrix(one) for one in phi])
-    return turn @ C, tilt + phi[:, :2]
+    return rotation_matrices(phi) @ C, tilt + phi[:, :2]

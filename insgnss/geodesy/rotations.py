@@ -166,6 +166,22 @@ def rotation_matrix(phi: npt.ArrayLike) -> Float64:
     return C
 
 
+@kernel
+def write_rotations(phi: Float64, q: Float64, C: Float64) -> None:
+    """Write exp([phi x]) of rotation vectors (k, 3) [rad] into ``C`` (k, 3, 3); ``q`` (4,) is scratch."""
+    for k in range(len(phi)):
+        q[0], q[1], q[2], q[3] = rotation_vector_quaternion(phi[k, 0], phi[k, 1], phi[k, 2])
+        quaternion_to_matrix(q, C[k])
+
+
+def rotation_matrices(phi: npt.ArrayLike) -> Float64:
+    """Return exp([phi x]), (k, 3, 3), of rotation vectors (k, 3) [rad]."""
+    vectors = np.ascontiguousarray(phi, np.float64)
+    C = np.empty((len(vectors), 3, 3))
+    write_rotations(vectors, np.empty(4), C)
+    return C
+
+
 def rotation_vector(C: npt.ArrayLike) -> Float64:
     """Return the rotation vector (3,) of a matrix (3, 3), at most pi long [rad]."""
     q = np.empty(4)

@@ -15,6 +15,7 @@ from insgnss.geodesy.rotations import (
     matrix_to_euler,
     matrix_to_quaternion,
     quaternion_to_matrix,
+    rotation_matrices,
     rotation_vector_quaternion,
     to_scipy_quaternion,
     turn_left,
@@ -122,6 +123,12 @@ def test_quaternion_of_a_rotation_vector_equals_scipy(angle: float, axis: tuple[
 
     oracle = np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) * phi / angle])
     assert q == pytest.approx(oracle, abs=ROUNDING)
+
+
+def test_matrices_of_rotation_vectors_equal_scipy(rng: np.random.Generator) -> None:
+    phi = rng.standard_normal((50, 3)) * np.logspace(-9.0, 0.7, 50)[:, None]
+
+    np.testing.assert_allclose(rotation_matrices(phi), Rotation.from_rotvec(phi).as_matrix(), atol=1e-15)
 
 
 def test_series_and_trigonometry_of_a_rotation_vector_meet_without_a_step() -> None:

@@ -28,4 +28,8 @@ CASES = [
     KernelCase(f"{_ROTATIONS}:turn_left", (_Q, 0.2, -0.5, 0.1)),
     KernelCase(f"{_ROTATIONS}:rotation_vector_quaternion", (0.01, -0.02, 0.03), label="series"),
     KernelCase(f"{_ROTATIONS}:rotation_vector_quaternion", (1.0, -2.0, 0.5), label="trigonometry"),
+    KernelCase(
+        f"{_ROTATIONS}:write_rotations",
+        (np.array([[0.01, -0.02, 0.03], [1.0, -2.0, 0.5]]), np.zeros(4), np.zeros((2, 3, 3))),
+    ),
 ]
