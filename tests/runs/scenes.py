@@ -15,7 +15,8 @@ import pandas as pd
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuConfig, ImuGrade, Oscillator
 from insgnss.config.slow_errors import NO_SLOW_ERRORS
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.flight import FlightInMemory, FlightLogs
+from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
+from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.disturbance import Disturbance
@@ -185,6 +186,13 @@ def without_samples(imu: ImuTable, from_s: float, to_s: float, start_ns: int = S
 def rows_where(gnss: GnssTable, keep: np.ndarray) -> GnssTable:
     """Return the rows of a GNSS log that ``keep`` (bool) marks."""
     return gnss.take(np.flatnonzero(keep))
+
+
+def filters_errors(smoothed: Run, flown: Flight) -> pd.DataFrame:
+    """Return the errors that the filter had, of a smoothed run: to the bit those of a run that is not smoothed."""
+    reference, week = flown.read().reference, flown.config.gps_week
+    assert smoothed.filtered is not None and reference is not None and week is not None
+    return errors_against(smoothed.filtered, reference, week, None)
 
 
 def after(run: Run, seconds: float) -> pd.DataFrame:

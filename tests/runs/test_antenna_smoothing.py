@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import insgnss
@@ -12,6 +13,7 @@ from insgnss.log.flight import Flight
 from insgnss.runs.result import Run
 from insgnss.studies.outage.windows import OutageWindow, Removal
 from tests.attitude.several_flights import SLALOM, events, normalised, scenario_text, write_flight
+from tests.runs.scenes import filters_errors
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
 from tests.studies.flight_without import flight_without
 
@@ -20,15 +22,16 @@ LOOKS = (0, 4, 12, 24)  # epochs: the start with every heading open, some after 
 ANGLES = ("d_roll_deg", "d_pitch_deg", "d_yaw_deg")
 
 
-def both(path: Path) -> tuple[Run, Run]:
-    """Return a flight as the filter has it and smoothed."""
-    return insgnss.replay(path), insgnss.replay(path, smooth=True)
+def both(path: Path) -> tuple[Run, pd.DataFrame]:
+    """Return a flight smoothed, and the errors that the filter had."""
+    run = insgnss.replay(path, smooth=True)
+    return run, filters_errors(run, Flight.load(path))
 
 
-def errors(run: Run) -> np.ndarray:
+def angles(errors: pd.DataFrame | None) -> np.ndarray:
     """Return the attitude errors of a run, (rows, 3) [deg]."""
-    assert run.errors is not None
-    return run.errors[list(ANGLES)].to_numpy()
+    assert errors is not None
+    return errors[list(ANGLES)].to_numpy()
 
 
 def test_smoothed_attitude_at_rest_is_as_wrong_as_it_says_and_better_than_the_filters(tmp_path: Path) -> None:
@@ -36,14 +39,12 @@ def test_smoothed_attitude_at_rest_is_as_wrong_as_it_says_and_better_than_the_fi
     for seed in range(RUNS):
         clocks = "separate" if seed % 2 else "common"
         text = scenario_text(clocks=clocks, clock_bias_m=60_000.0)
-        forward, run = both(write_flight(tmp_path, text, seed=seed))
+        run, forward = both(write_flight(tmp_path, text, seed=seed))
         squares.append(np.sum(normalised(run)[list(LOOKS)] ** 2, axis=1))
-        smoothed.append(errors(run))
-        filtered.append(errors(forward))
-        sd = [table[["sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"]] for table in (run.nav, forward.nav)]
+        smoothed.append(angles(run.errors))
+        filtered.append(angles(forward))
+        sd = [table[["sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"]] for table in (run.nav, forward)]
         assert (sd[0].to_numpy() <= sd[1].to_numpy() * (1.0 + 1e-6)).all()
-        assert run.filtered is not None
-        assert run.filtered["yaw_deg"].equals(forward.nav["yaw_deg"])
 
     low, high = mean_chi_square_bounds(3, RUNS, 1.0 - (1.0 - CONFIDENCE) / len(LOOKS))
     nees = np.mean(squares, axis=0)
@@ -62,10 +63,10 @@ def test_smoothed_attitude_in_turns_is_within_its_sigma_and_not_worse_than_the_f
     text = scenario_text(clocks=clocks, manoeuvres=SLALOM, speed_mps=60.0, clock_bias_m=60_000.0)
     squares, smoothed, filtered = [], [], []
     for seed in range(4):
-        forward, run = both(write_flight(tmp_path, text, seed=seed))
+        run, forward = both(write_flight(tmp_path, text, seed=seed))
         squares.append(np.mean(np.sum(normalised(run) ** 2, axis=1)))
-        smoothed.append(errors(run)[5:])
-        filtered.append(errors(forward)[5:])
+        smoothed.append(angles(run.errors)[5:])
+        filtered.append(angles(forward)[5:])
 
     # of 68 epochs some ten are independent
     low, high = mean_chi_square_bounds(3, 4 * 68, effective_share=0.15)
@@ -79,6 +80,7 @@ def test_smoothed_rows_between_epochs_have_no_step_at_them(tmp_path: Path) -> No
 
     run, forward = insgnss.replay(path, smooth=True, output=20.0), insgnss.replay(path, output=20.0)
 
+    assert run.filtered is not None and run.filtered["yaw_deg"].equals(forward.nav["yaw_deg"])
     steps = [np.diff(table["sd_yaw_deg"].to_numpy()[100:-20]) for table in (run.nav, forward.nav)]
     assert np.abs(steps[0]).max() < 0.1 * np.abs(steps[1]).max()
     error = [np.diff(found.errors["d_yaw_deg"].to_numpy()[100:-20]) for found in (run, forward)]
@@ -96,11 +98,11 @@ def test_a_heading_that_the_antennas_set_anew_is_right_before_them_too(tmp_path:
     text = text.replace('start = "automatic"\n', "").replace("[imu]\n", wrong + "[imu]\n", 1)
     path.write_text(text, encoding="utf-8")
 
-    forward, run = both(path)
+    run, forward = both(path)
 
     assert len(events(run, "attitude_found")) == 1
-    assert np.abs(errors(forward)[0, 2]) > 35.0
-    assert np.abs(errors(run)[:, 2]).max() < 5.0
+    assert np.abs(angles(forward)[0, 2]) > 35.0
+    assert np.abs(angles(run.errors)[:, 2]).max() < 5.0
     assert np.abs(normalised(run)[:, 2]).max() < 3.3
 
 
@@ -113,10 +115,10 @@ def test_smoothed_attitude_in_an_outage_of_all_antennas_is_far_better_than_the_f
     for seed in range(4):
         path = write_flight(tmp_path, scenario_text(manoeuvres=SLALOM, speed_mps=60.0), seed=seed)
         flight = flight_without(Flight.load(path), gone, Removal())
-        runs = [insgnss.replay(flight, smooth=smooth, output=2.0) for smooth in (True, False)]
-        inside = runs[0].nav["time_s"].between(150_025.5, 150_044.5).to_numpy()
-        errors_in.append([errors(run)[inside] for run in runs])
-        squares.append(np.mean(np.sum(normalised(runs[0])[inside] ** 2, axis=1)))
+        run = insgnss.replay(flight, smooth=True, output=2.0)
+        inside = run.nav["time_s"].between(150_025.5, 150_044.5).to_numpy()
+        errors_in.append([angles(table)[inside] for table in (run.errors, filters_errors(run, flight))])
+        squares.append(np.mean(np.sum(normalised(run)[inside] ** 2, axis=1)))
 
     smoothed, filtered = np.sqrt(np.mean(np.array(errors_in) ** 2, axis=(0, 2)))
     assert (smoothed < 0.6 * filtered).all(), (smoothed, filtered)

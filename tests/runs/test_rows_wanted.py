@@ -25,6 +25,7 @@ from tests.runs.scenes import (
     START_NS,
     START_S,
     even_sky,
+    filters_errors,
     flight,
     rows_where,
     simulator,
@@ -45,11 +46,11 @@ def industrial() -> Simulator:
     return simulator(airborne_turns(270.0), 270.0, grade=imu_grade("industrial"))
 
 
-def inside(run: Run, from_s: float, to_s: float) -> pd.DataFrame:
+def inside(errors: pd.DataFrame | None, from_s: float, to_s: float) -> pd.DataFrame:
     """Return the errors of a part of a run."""
-    assert run.errors is not None
-    since = run.errors["time_s"] - START_S
-    return run.errors[(since > from_s + 0.01) & (since < to_s - 0.01)]
+    assert errors is not None
+    since = errors["time_s"] - START_S
+    return errors[(since > from_s + 0.01) & (since < to_s - 0.01)]
 
 
 @cache
@@ -60,9 +61,9 @@ def outages() -> tuple[list[pd.DataFrame], list[pd.DataFrame]]:
         log = industrial().draw(np.random.default_rng([2026, 11, seed]))
         since = (log.gnss.t_ns - START_NS) / 1e9
         flown = flight(industrial(), log, gnss=rows_where(log.gnss, ~((since > OUT_S) & (since < BACK_S))))
-        for tables, smooth in zip(found, (False, True), strict=True):
-            run = insgnss.replay(flown, output=2.0, smooth=smooth, settings=NO_LOOKS)
-            tables.append(inside(run, OUT_S, BACK_S))
+        run = insgnss.replay(flown, output=2.0, smooth=True, settings=NO_LOOKS)
+        for tables, errors in zip(found, (filters_errors(run, flown), run.errors), strict=True):
+            tables.append(inside(errors, OUT_S, BACK_S))
     return found
 
 
@@ -131,7 +132,7 @@ def test_smoother_goes_through_a_heading_that_was_lost_and_found() -> None:
 
     assert {"heading_open", "heading_single"} <= set(filtered.events["kind"])
     assert (smoothed.nav["n_hypotheses"] == 1).all()
-    tables = [inside(run, 200.0, 440.0) for run in (filtered, smoothed)]
+    tables = [inside(run.errors, 200.0, 440.0) for run in (filtered, smoothed)]
     assert rms([tables[1]], ("yaw_deg",)) < 0.25 * rms([tables[0]], ("yaw_deg",))
     assert (np.abs(tables[1]["d_yaw_deg"]) < 3.0 * tables[1]["sd_yaw_deg"]).all()
     assert tables[1]["sd_yaw_deg"].max() < 2.0
@@ -158,9 +159,8 @@ def test_smoother_goes_on_across_a_step_that_the_filter_was_set_right_by() -> No
     gnss = rows_where(log.gnss, ~((since > 110.0) & (since < 150.0)))
     flown = flight(base, log, gnss=gnss, imu=replace(log.imu, f_b=f_b))
 
-    filtered, smoothed = (
-        inside(insgnss.replay(flown, output=2.0, smooth=s), 130.0, 155.0) for s in (False, True)
-    )
+    run = insgnss.replay(flown, output=2.0, smooth=True)
+    filtered, smoothed = (inside(e, 130.0, 155.0) for e in (filters_errors(run, flown), run.errors))
 
     ratio = {
         name: [float(np.sqrt(np.mean((t[f"d_{name}"] / t[f"sd_{name}"]) ** 2))) for t in (filtered, smoothed)]

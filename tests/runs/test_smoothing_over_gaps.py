@@ -15,10 +15,11 @@ import pytest
 import insgnss
 from insgnss.config.library import imu_grade
 from insgnss.constants import NS_PER_S
+from insgnss.log.flight import FlightInMemory
 from insgnss.runs.result import Run
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import Bool, Float64
-from tests.runs.scenes import LEVER_ARM_B, START_NS, START_S, flight, turns
+from tests.runs.scenes import LEVER_ARM_B, START_NS, START_S, filters_errors, flight, turns
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds, nees
 
 GAP_S: Final = 110.0  # since the flight's beginning
@@ -48,6 +49,26 @@ def rows(table: Any, keep: Bool) -> Any:
     return replace(table, **{name: columns[name][keep] for name in whole})
 
 
+def spoilt(
+    seed: int,
+    gaps: tuple[tuple[float, float], ...],
+    wait_s: float,
+    outage_s: float = OUTAGE_S,
+    after_s: float = 20.0,
+    grade: str = "industrial",
+) -> FlightInMemory:
+    """Return a flight without inertial samples in the gaps, and without fixes before the first and after each."""
+    base = in_turns(gaps[-1][1] + wait_s + after_s, grade)
+    log = base.draw(np.random.default_rng(seed))
+    t_imu, t_gnss = ((one.t_ns - START_NS) / NS_PER_S for one in (log.imu, log.gnss))
+    sampled, seen = np.ones(len(t_imu), np.bool_), np.ones(len(t_gnss), np.bool_)
+    for begin, end in gaps:
+        sampled &= (t_imu <= begin) | (t_imu >= end)
+        seen &= (t_gnss < begin) | (t_gnss >= end + wait_s)
+    seen &= (t_gnss <= gaps[0][0] - outage_s) | (t_gnss > gaps[0][0])
+    return flight(base, log, imu=rows(log.imu, sampled), gnss=rows(log.gnss, seen))
+
+
 def with_gaps(
     seed: int,
     gaps: tuple[tuple[float, float], ...],
@@ -58,17 +79,8 @@ def with_gaps(
     grade: str = "industrial",
     **asked: Any,
 ) -> Run:
-    """Return a replay without inertial samples in the gaps, and without fixes before the first and after each."""
-    base = in_turns(gaps[-1][1] + wait_s + after_s, grade)
-    log = base.draw(np.random.default_rng(seed))
-    t_imu, t_gnss = ((one.t_ns - START_NS) / NS_PER_S for one in (log.imu, log.gnss))
-    sampled, seen = np.ones(len(t_imu), np.bool_), np.ones(len(t_gnss), np.bool_)
-    for begin, end in gaps:
-        sampled &= (t_imu <= begin) | (t_imu >= end)
-        seen &= (t_gnss < begin) | (t_gnss >= end + wait_s)
-    seen &= (t_gnss <= gaps[0][0] - outage_s) | (t_gnss > gaps[0][0])
-    spoilt = flight(base, log, imu=rows(log.imu, sampled), gnss=rows(log.gnss, seen))
-    return insgnss.replay(spoilt, **asked)
+    """Return the replay of such a flight."""
+    return insgnss.replay(spoilt(seed, gaps, wait_s, outage_s, after_s, grade), **asked)
 
 
 def between(table: pd.DataFrame, first_s: float, last_s: float) -> pd.DataFrame:
@@ -91,34 +103,37 @@ def errors_of(run: Run, block: str, first_s: float, last_s: float) -> tuple[Floa
     return off, P
 
 
+OUTAGE_AND_GAP: Final = (((GAP_S, GAP_S + 3.0),), 2.0)
+
+
 @cache
-def after_an_outage() -> list[tuple[Run, Run]]:
-    """Return filtered and smoothed runs: a minute without fixes, then a gap of 3 s, and 2 s later the next fix."""
-    gap = ((GAP_S, GAP_S + 3.0),)
-    asked = {"output": 5.0, "covariance": True}
-    return [
-        (with_gaps(seed, gap, 2.0, **asked), with_gaps(seed, gap, 2.0, smooth=True, **asked))
-        for seed in SEEDS
-    ]
+def after_an_outage() -> list[tuple[pd.DataFrame, Run]]:
+    """Return the filter's errors, and runs: a minute without fixes, then a gap of 3 s, and 2 s later the next fix."""
+    found = []
+    for seed in SEEDS:
+        flown = spoilt(seed, *OUTAGE_AND_GAP)
+        run = insgnss.replay(flown, smooth=True, output=5.0, covariance=True)
+        found.append((filters_errors(run, flown), run))
+    return found
 
 
 def test_outage_that_ends_in_a_gap_is_smoothed_from_behind_the_gap() -> None:
     """Without the way over the gap the smoothed rows would be the filter's."""
-    rms = np.array(
-        [
-            [np.mean(errors_of(run, "position", GAP_S - OUTAGE_S, GAP_S)[0] ** 2) for run in pair]
-            for pair in after_an_outage()
-        ]
-    )
+    names = [f"d_{name}" for name in BLOCKS["position"][0]]
+    squares = [
+        [between(table, GAP_S - OUTAGE_S, GAP_S)[names].to_numpy() ** 2 for table in (errors, run.errors)]
+        for errors, run in after_an_outage()
+    ]
 
-    filtered, smoothed = np.sqrt(rms.mean(axis=0))
+    filtered, smoothed = np.sqrt(np.mean(squares, axis=(0, 2, 3)))
 
     assert smoothed < 0.35 * filtered
 
 
 def test_data_after_a_gap_make_no_sigma_before_it_larger() -> None:
     for filtered, smoothed in after_an_outage():
-        sd = [between(run.nav, GAP_S - OUTAGE_S, GAP_S)[SIGMAS].to_numpy() for run in (filtered, smoothed)]
+        tables = (filtered, smoothed.nav)
+        sd = [between(table, GAP_S - OUTAGE_S, GAP_S)[SIGMAS].to_numpy() for table in tables]
         assert (sd[1] <= sd[0] * (1.0 + 1e-6)).all()
 
 
@@ -136,7 +151,7 @@ def test_errors_before_and_after_a_gap_are_as_large_as_their_covariance_says(blo
 
 
 def test_rows_begin_with_the_first_sample_after_the_gap() -> None:
-    filtered, smoothed = after_an_outage()[0]
+    filtered, (_, smoothed) = with_gaps(SEEDS[0], *OUTAGE_AND_GAP, output=5.0), after_an_outage()[0]
 
     added = between(smoothed.nav, GAP_S + 3.0, GAP_S + 5.0 - 0.1)
 
