@@ -44,22 +44,19 @@ def children(folder: Path) -> list[int]:
     return [int(word) for word in told.read_text(encoding="utf-8").split()] if told.exists() else []
 
 
-def test_kernel_compiled_beside_is_fetched_from_the_cache(tiny_package: Path) -> None:
+def test_kernel_compiled_beside_is_fetched_from_the_cache_and_nothing_started_again(
+    tiny_package: Path,
+) -> None:
     assert run_beside(tiny_package, child=SHARE, parent=SHOW) == "2.0 1 True"
-    assert children(tiny_package)
+    assert (before := children(tiny_package))
+
+    assert run_beside(tiny_package, child=SHARE, parent=SHOW) == "2.0 1 True"
+    assert children(tiny_package) == before
 
 
 @pytest.mark.parametrize("fault", ["raise SystemExit(3)", "os.kill(os.getpid(), 9)", "print('noise', 1 / 0)"])
 def test_process_that_fails_leaves_the_compilation_to_its_parent(tiny_package: Path, fault: str) -> None:
     assert run_beside(tiny_package, child=fault, parent=SHOW) == "2.0 0 False"
-
-
-def test_nothing_is_started_where_the_cache_is_complete(tiny_package: Path) -> None:
-    run_beside(tiny_package, child=SHARE, parent=SHOW)
-    before = children(tiny_package)
-
-    assert run_beside(tiny_package, child=SHARE, parent=SHOW) == "2.0 1 True"
-    assert children(tiny_package) == before
 
 
 def test_one_process_alone_compiles_a_kernel(tiny_package: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,15 +18,14 @@ READ = [
 FOR_TESTS = {"observe_channels"}
 
 
-def names_at_top(tree: ast.Module) -> Iterator[tuple[tuple[str, ...], ast.stmt]]:
-    """Yield the names that each statement defines: several for numbers of one list, which stand and fall together."""
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            yield (node.name,), node
-        elif isinstance(node, ast.Assign | ast.AnnAssign):
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            found = [part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
-            yield tuple(found), node
+def names_of(node: ast.stmt) -> tuple[str, ...]:
+    """Return the names that a statement defines: several for numbers of one list, which stand and fall together."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return (node.name,)
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        return tuple(part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name))
+    return ()
 
 
 def used_in(tree: ast.AST) -> Counter[str]:
@@ -45,18 +43,19 @@ def used_in(tree: ast.AST) -> Counter[str]:
 
 def only_tests_use(sources: dict[str, ast.Module], read: str) -> list[str]:
     """Return the names that neither the sources, outside of their own definitions, nor the texts use."""
+    statements = [
+        (place, names_of(node), used_in(node)) for place, tree in sources.items() for node in tree.body
+    ]
     everywhere: Counter[str] = Counter()
-    for tree in sources.values():
-        everywhere.update(used_in(tree))
+    for _, _, own in statements:
+        everywhere.update(own)
     outside = set(re.findall(r"\w+", read)) | FOR_TESTS
-    found = []
-    for place, tree in sources.items():
-        for names, node in names_at_top(tree):
-            if outside.isdisjoint(names) and names and not names[0].startswith("__"):
-                own = used_in(node)
-                if all(everywhere[name] <= own[name] for name in names):
-                    found.append(f"{place}: {', '.join(names)}")
-    return found
+    return [
+        f"{place}: {', '.join(names)}"
+        for place, names, own in statements
+        if outside.isdisjoint(names) and names and not names[0].startswith("__")
+        if all(everywhere[name] <= own[name] for name in names)
+    ]
 
 
 def test_every_name_of_the_package_is_used_or_named_outside_of_the_tests() -> None:

@@ -59,9 +59,9 @@ def test_resets_and_refusals_are_signs_each() -> None:
 
 
 def test_lever_arm_that_is_metres_off_is_told_at_the_end() -> None:
-    """Each turn of eight minutes contradicts it, one sensor after the other is blamed; two minutes are too short."""
+    """Each turn of six minutes contradicts it, one sensor after the other is blamed; four minutes are too short."""
     flown = Flight.load(SAMPLE)
-    logs = shortened(flown.read(), 500.0)
+    logs = shortened(flown.read(), 340.0)
     gnss = flown.config.gnss.model_copy(update={"lever_arm_m": (-3.0, 4.0, -1.1)})
     config = flown.config.model_copy(update={"gnss": gnss})
     wrong = FlightInMemory(flown.path, config, flown.imu_grade, flown.oscillator, logs)

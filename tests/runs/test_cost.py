@@ -22,19 +22,19 @@ numba.njit(lambda x: x + 1.0)(1.0)
 """
 
 
-def peak_and_files_mib(folder: Path, hours: float) -> tuple[float, float]:
-    """Return the peak of the command on a log of that length, and the size of what it reads and writes."""
-    flight = write_log(LongLog(hours=hours), folder / f"log_{hours}")
-    output = folder / f"out_{hours}"
+def peak_and_files_mib(flight: Path) -> tuple[float, float]:
+    """Return the peak of the command on a log, and the size of what it reads and writes."""
+    output = flight.parent.with_name(f"{flight.parent.name}_out")
     peak = process("-m", "insgnss.cli", "replay", str(flight), "-o", str(output), "--set", NO_LOOKS).peak_mib
     return peak, sum(path.stat().st_size for path in (*flight.parent.iterdir(), *output.iterdir())) / MIB
 
 
 @pytest.mark.slow
 def test_memory_grows_no_faster_than_the_files(tmp_path: Path) -> None:
-    peak_and_files_mib(tmp_path, 0.05)  # what is not compiled yet is compiled here
-    short_peak, short_files = peak_and_files_mib(tmp_path, 0.05)
-    long_peak, long_files = peak_and_files_mib(tmp_path, 0.25)
+    short, long = (write_log(LongLog(hours=hours), tmp_path / str(hours)) for hours in (0.05, 0.25))
+    peak_and_files_mib(short)  # what is not compiled yet is compiled here
+    short_peak, short_files = peak_and_files_mib(short)
+    long_peak, long_files = peak_and_files_mib(long)
 
     assert long_peak - short_peak < MOST_PER_BYTE * (long_files - short_files)
     libraries = process("-c", LIBRARIES).peak_mib

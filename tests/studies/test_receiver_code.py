@@ -43,10 +43,14 @@ def test_states_for_the_phases_leave_motion_and_threshold_as_they_are() -> None:
     for block, looks in ((VELOCITY, 600), (ATTITUDE, 60)):
         low, high = stats.f.interval(0.999, looks, looks)
         assert low < (settled(of, code, block) / settled(of, pseudo, block)) ** 2 < high
-    levels, runs = np.array([17.0, 18.0, 19.0, 20.0]), 24
+    runs_at = {17.0: 12, 18.0: 24, 19.0: 24, 20.0: 12}
+    levels = np.array(list(runs_at))
     shares = [
         np.array(
-            [np.mean([run.lost for run in flown(of, VARIANTS[name], level, runs, 22)]) for level in levels]
+            [
+                np.mean([run.lost for run in flown(of, VARIANTS[name], level, runs, 22)])
+                for level, runs in runs_at.items()
+            ]
         )
         for name in ("one_stage", "one_stage_code")
     ]

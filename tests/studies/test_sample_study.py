@@ -105,24 +105,25 @@ def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
 
 
 def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
-    path = tmp_path / "a.iq"
-    record_samples(flown(), path, 0.0, 2.2, QUICK, seed=5)
+    path, settings = tmp_path / "a.iq", QUICK.model_copy(update={"looks": 10})
+    record_samples(flown(), path, 0.0, 2.2, settings, seed=5)
     both = [
         sample_receiver(
             flown(),
             losses_db=(0.0,),
             duration_s=2.2,
-            settings=QUICK,
+            settings=settings,
             seed=5,
             recording=source,
             threads=threads,
         )
         for source, threads in ((None, 2), (path, 1))
     ]
+    assert (both[0].channels.groupby("receiver")["locked"].sum() == 8).all()
     for name in ("epochs", "channels"):
         pd.testing.assert_frame_equal(getattr(both[0], name), getattr(both[1], name))
     with pytest.raises(ConfigError, match="one recording for 2 losses"):
-        sample_receiver(flown(), duration_s=2.2, settings=QUICK, recording=path)
+        sample_receiver(flown(), duration_s=2.2, settings=settings, recording=path)
 
 
 def test_satellites_that_come_back_are_found_in_the_supervisors_window(tmp_path: Path) -> None:
