@@ -7,6 +7,8 @@ import re
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 READ = [
@@ -16,6 +18,11 @@ READ = [
 ]
 # kernels for arrays of what the package does one by one: the tests look at thousands of draws
 FOR_TESTS = {"observe_channels"}
+# methods that importlib and Numba call
+CALLED_BY_LIBRARIES = {"exec_module", "get_call_type", "get_call_signatures", "get_impl_key"}
+# methods that a user expects beside those that the package calls itself: another form of an attitude, the share of
+# channels beside that of runs
+FOR_USERS = {"from_quaternion", "lost_channels"}
 
 
 def names_of(node: ast.stmt) -> tuple[str, ...]:
@@ -58,10 +65,43 @@ def only_tests_use(sources: dict[str, ast.Module], read: str) -> list[str]:
     ]
 
 
-def test_every_name_of_the_package_is_used_or_named_outside_of_the_tests() -> None:
-    sources = {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+def methods_that_only_tests_use(sources: dict[str, ast.Module], read: str) -> list[str]:
+    """Return the methods whose names neither the sources, outside of the method itself, nor the texts use."""
+    everywhere: Counter[str] = Counter()
+    for tree in sources.values():
+        everywhere.update(used_in(tree))
+    outside = set(re.findall(r"\w+", read)) | CALLED_BY_LIBRARIES | FOR_USERS
+    return [
+        f"{place}: {owner.name}.{method.name}"
+        for place, tree in sources.items()
+        for owner in ast.walk(tree)
+        if isinstance(owner, ast.ClassDef)
+        for method in owner.body
+        if isinstance(method, ast.FunctionDef) and not method.name.startswith("_")
+        if method.name not in outside and everywhere[method.name] <= used_in(method)[method.name]
+    ]
 
-    assert only_tests_use(sources, "\n".join(path.read_text(encoding="utf-8") for path in READ)) == []
+
+@pytest.fixture(scope="module")
+def sources() -> dict[str, ast.Module]:
+    return {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+
+
+@pytest.fixture(scope="module")
+def read() -> str:
+    return "\n".join(path.read_text(encoding="utf-8") for path in READ)
+
+
+def test_every_name_of_the_package_is_used_or_named_outside_of_the_tests(
+    sources: dict[str, ast.Module], read: str
+) -> None:
+    assert only_tests_use(sources, read) == []
+
+
+def test_every_method_of_the_package_is_used_or_named_outside_of_the_tests(
+    sources: dict[str, ast.Module], read: str
+) -> None:
+    assert methods_that_only_tests_use(sources, read) == []
 
 
 def test_name_that_nothing_but_its_own_definition_uses_is_found() -> None:
@@ -71,3 +111,12 @@ def test_name_that_nothing_but_its_own_definition_uses_is_found() -> None:
 
     assert only_tests_use({"one.py": one}, "") == ["one.py: lone"]
     assert only_tests_use({"one.py": one}, "see `lone`") == []
+
+
+def test_method_that_nothing_but_itself_uses_is_found() -> None:
+    one = ast.parse(
+        "class A:\n def lone(self): return self.lone()\n def met(self): return 1\n def _own(self): pass\nA().met()"
+    )
+
+    assert methods_that_only_tests_use({"one.py": one}, "") == ["one.py: A.lone"]
+    assert methods_that_only_tests_use({"one.py": one}, "call `lone`") == []
