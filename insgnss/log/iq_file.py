@@ -10,6 +10,7 @@ Nothing can be checked against the file but its size; a declaration that no sign
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError
 from insgnss.results.saving import RECORDING_KIND, saving_file, writing
+from insgnss.tracking.admissible import require_known, require_number, require_whole
 from insgnss.tracking.signal import Sampling, SignalSamples
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
@@ -36,7 +38,7 @@ class IqFile:
 
     Raises
     ------
-    ConfigError : a sampling, type or order that does not exist
+    ConfigError : a path, sampling, type or order that does not exist
     MissingFileError : no such file
     InputError : the file is empty, or does not hold whole samples
     """
@@ -48,13 +50,14 @@ class IqFile:
     skip_bytes: int = 0  # of a header
 
     def __post_init__(self) -> None:
+        if not isinstance(self.path, str | os.PathLike):
+            advice = "give a file of raw samples"
+            raise ConfigError(f"{self.path!r} is not a path", key="path", advice=advice)
         object.__setattr__(self, "path", Path(self.path))
         _check_declared(self.sampling, self.sample_type, self.order, self.skip_bytes)
-        if not self.path.is_file():
-            raise MissingFileError("recording not found", file=self.path, advice="give a file of raw samples")
-        size = self.path.stat().st_size - self.skip_bytes
+        size = self._size
         if size <= 0:
-            held = "is empty" if self.path.stat().st_size == 0 else f"ends before byte {self.skip_bytes}"
+            held = "is empty" if size + self.skip_bytes == 0 else f"ends before byte {self.skip_bytes}"
             raise InputError(f"the recording {held}", file=self.path, advice="record again")
         if size % self._bytes:
             kind = "complex" if self.sampling.is_complex else "real"
@@ -70,9 +73,16 @@ class IqFile:
         return np.dtype(SAMPLE_TYPES[self.sample_type]).itemsize * (2 if self.sampling.is_complex else 1)
 
     @property
+    def _size(self) -> int:
+        """Return the number of bytes after those that are skipped."""
+        if not self.path.is_file():
+            raise MissingFileError("recording not found", file=self.path, advice="give a file of raw samples")
+        return self.path.stat().st_size - self.skip_bytes
+
+    @property
     def count(self) -> int:
         """Return the number of samples."""
-        return (self.path.stat().st_size - self.skip_bytes) // self._bytes
+        return self._size // self._bytes
 
     @property
     def duration_s(self) -> float:
@@ -84,9 +94,12 @@ class IqFile:
 
         Raises
         ------
+        ConfigError : ``first`` or ``count`` is not a whole number from 0 or 1 on
         InputError : they are not in the file, or it cannot be read
         """
-        if first < 0 or count < 1 or first + count > self.count:
+        require_whole(0, "give the number of the first sample", first=first)
+        require_whole(1, "give how many samples are wanted", count=count)
+        if first + count > self.count:
             raise InputError(
                 f"samples {first} to {first + count} are needed, the recording holds {self.count}",
                 file=self.path,
@@ -114,7 +127,7 @@ class IqFile:
         ------
         ConfigError : a length that is not a positive number of seconds
         """
-        if not (math.isfinite(block_s) and block_s > 0.0):
+        if not (math.isfinite(require_number("block_s", block_s)) and block_s > 0.0):
             raise ConfigError(
                 f"invalid block length of {block_s:g} s", key="block_s", advice="give seconds above 0, as 1.0"
             )
@@ -128,12 +141,18 @@ def rounded(block: SignalSamples, sample_type: str) -> SignalSamples:
 
     Raises
     ------
-    ConfigError : a type that does not exist, or samples that are not finite
+    ConfigError : a type that does not exist, samples that are not finite, or components of different length
     """
-    if sample_type not in SAMPLE_TYPES:
-        _refuse_type(sample_type, ORDERS[0])
+    _require_type(sample_type)
     kind = np.dtype(SAMPLE_TYPES[sample_type])
     limit = np.iinfo(kind)
+    lengths = np.shape(block.in_phase), np.shape(block.quadrature)
+    if block.sampling.is_complex and lengths[0] != lengths[1]:
+        raise ConfigError(
+            f"complex samples with {lengths[0]} in-phase and {lengths[1]} quadrature components",
+            key="blocks",
+            advice="give both components of every sample, or a sampling with is_complex = False",
+        )
     if not (np.isfinite(block.in_phase).all() and np.isfinite(block.quadrature).all()):
         raise ConfigError(
             "some samples are not finite: integers cannot represent them",
@@ -154,11 +173,11 @@ def write_iq(
 
     Raises
     ------
-    ConfigError : a type or order that does not exist, or samples that are not finite
+    ConfigError : a type or order that does not exist, or blocks that ``rounded`` refuses
     ResultError : the file cannot be written, or a file of another program is in its place
     """
-    if sample_type not in SAMPLE_TYPES or order not in ORDERS:
-        _refuse_type(sample_type, order)
+    _require_type(sample_type)
+    require_known(order, ORDERS, "order", "order")
     kind, place = np.dtype(SAMPLE_TYPES[sample_type]), Path(path)
     limit, clipped = np.iinfo(kind), 0
     with writing("the recording", path):
@@ -176,13 +195,13 @@ def write_iq(
 
 def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes: int) -> None:
     """Refuse impossible declarations of a recording."""
-    if sample_type not in SAMPLE_TYPES or order not in ORDERS:
-        _refuse_type(sample_type, order)
-    rate = sampling.rate_hz
+    _require_type(sample_type)
+    require_known(order, ORDERS, "order", "order")
+    rate = require_number("rate_hz", sampling.rate_hz)
     if not (math.isfinite(rate) and 0.0 < rate <= _MOST_HZ):
         advice = "give samples per second, as 4e6"
         raise ConfigError(f"invalid sampling rate of {rate:g} Hz", key="rate_hz", advice=advice)
-    if not math.isfinite(sampling.intermediate_hz):
+    if not math.isfinite(require_number("intermediate_hz", sampling.intermediate_hz)):
         advice = "give the frequency that the carrier without Doppler has in the samples, in Hz"
         raise ConfigError(
             "the intermediate frequency is not a finite number", key="intermediate_hz", advice=advice
@@ -193,16 +212,9 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
             key="intermediate_hz",
             advice=f"give {0.5 * rate:g} Hz at most, or bandpass = true for real samples of a higher Nyquist zone",
         )
-    if skip_bytes < 0:
-        raise ConfigError(
-            f"invalid number of bytes to skip: {skip_bytes}", key="skip_bytes", advice="give 0 or more"
-        )
+    require_whole(0, "give the number of bytes before the samples", skip_bytes=skip_bytes)
 
 
-def _refuse_type(sample_type: str, order: str) -> None:
-    """Raise the error of a type or order that does not exist."""
-    if sample_type not in SAMPLE_TYPES:
-        message, key, advice = f"unknown sample type '{sample_type}'", "sample_type", ", ".join(SAMPLE_TYPES)
-    else:
-        message, key, advice = f"unknown order '{order}'", "order", ", ".join(ORDERS)
-    raise ConfigError(message, key=key, advice=f"known: {advice}")
+def _require_type(sample_type: str) -> None:
+    """Refuse a type of samples that does not exist."""
+    require_known(sample_type, SAMPLE_TYPES, "sample_type", "sample type")

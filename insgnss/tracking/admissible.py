@@ -110,10 +110,10 @@ def require_known(name: str, known: Iterable[str], key: str, what: str) -> str:
     ConfigError : with the nearest known name
     """
     names = list(known)
-    if name in names:
-        return name
     if not isinstance(name, str):
         raise ConfigError(f"{name!r} is not a {what}", key=key, advice=f"known: {', '.join(names[:12])}")
+    if name in names:
+        return name
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.4)
     advice = f"nearest: '{near[0]}'" if near else f"known: {', '.join(names[:12])}"
     raise ConfigError(f"unknown {what} '{name}'", key=key, advice=advice)

@@ -82,6 +82,13 @@ def test_file_of_a_wrong_size_is_refused(
         (COMPLEX, {"sample_type": "int4"}, "sample_type"),
         (COMPLEX, {"order": "xy"}, "order"),
         (COMPLEX, {"skip_bytes": -1}, "skip_bytes"),
+        (COMPLEX, {"skip_bytes": "4"}, "skip_bytes"),
+        (COMPLEX, {"skip_bytes": 0.0}, "skip_bytes"),
+        (Sampling("4e6", is_complex=True), {}, "rate_hz"),  # type: ignore[arg-type]
+        (Sampling(4e6, None, is_complex=True), {}, "intermediate_hz"),  # type: ignore[arg-type]
+        (COMPLEX, {"sample_type": ["int8"]}, "sample_type"),
+        (COMPLEX, {"sample_type": np.dtype("int8")}, "sample_type"),
+        (COMPLEX, {"order": None}, "order"),
     ],
 )
 def test_impossible_declaration_is_refused(
@@ -93,7 +100,13 @@ def test_impossible_declaration_is_refused(
     assert raised.value.key == key
 
 
-@pytest.mark.parametrize("block_s", [np.nan, np.inf, 0.0, -1.0])
+def test_what_is_not_a_path_is_refused() -> None:
+    with pytest.raises(ConfigError) as raised:
+        IqFile(None, COMPLEX)  # type: ignore[arg-type]
+    assert raised.value.key == "path"
+
+
+@pytest.mark.parametrize("block_s", [np.nan, np.inf, 0.0, -1.0, "1", None])
 def test_blocks_of_no_length_are_refused(tmp_path: Path, rng: np.random.Generator, block_s: float) -> None:
     sampling = Sampling(4e6, 1e6, is_complex=True)
     write_iq(tmp_path / "x.bin", [noise(sampling, 100, rng)])
@@ -123,8 +136,24 @@ def test_missing_file_and_samples_beyond_its_end_are_refused(tmp_path: Path) -> 
     with pytest.raises(MissingFileError):
         IqFile(tmp_path / "none.bin", COMPLEX)
     (tmp_path / "a.bin").write_bytes(b"1234")
+    recording = IqFile(tmp_path / "a.bin", COMPLEX)
     with pytest.raises(InputError, match="the recording holds 2"):
-        IqFile(tmp_path / "a.bin", COMPLEX).read(1, 2)
+        recording.read(1, 2)
+    for first, count, key in (
+        (0.5, 1, "first"),
+        (-1, 1, "first"),
+        (None, 1, "first"),
+        (0, 0, "count"),
+        (0, 2.0, "count"),
+    ):
+        with pytest.raises(ConfigError) as raised:
+            recording.read(first, count)  # type: ignore[arg-type]
+        assert raised.value.key == key
+    (tmp_path / "a.bin").unlink()
+    with pytest.raises(MissingFileError):
+        recording.read(0, 1)
+    with pytest.raises(MissingFileError):
+        assert recording.duration_s
 
 
 def test_unwritable_recording_and_unknown_type_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -134,6 +163,26 @@ def test_unwritable_recording_and_unknown_type_are_refused(tmp_path: Path, rng: 
         write_iq(tmp_path / "a.bin", [], "float")
     with pytest.raises(ConfigError):
         rounded(noise(COMPLEX, 5, rng), "float")
+
+
+@pytest.mark.parametrize("sample_type", [["int8"], None, np.dtype("int8")])
+def test_what_is_not_a_sample_type_is_refused(tmp_path: Path, sample_type: object) -> None:
+    block = noise(COMPLEX, 5, np.random.default_rng(1))
+    for write in (
+        lambda: write_iq(tmp_path / "a.bin", [block], sample_type),
+        lambda: rounded(block, sample_type),
+    ):  # type: ignore[arg-type]
+        with pytest.raises(ConfigError) as raised:
+            write()
+        assert raised.value.key == "sample_type"
+
+
+@pytest.mark.parametrize("count", [0, 4])
+def test_complex_samples_without_their_quadratures_are_not_written(tmp_path: Path, count: int) -> None:
+    with pytest.raises(ConfigError, match="in-phase") as raised:
+        write_iq(tmp_path / "a.bin", [SignalSamples(COMPLEX, np.ones(5), np.ones(count))])
+    assert raised.value.key == "blocks"
+    assert not (tmp_path / "a.bin").exists()
 
 
 def test_file_of_somebody_else_stays_as_it_is(tmp_path: Path) -> None:
