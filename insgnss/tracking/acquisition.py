@@ -228,7 +228,12 @@ def _refined(
     """Return a cell with its Doppler refined between bins, over whole data bits where known, and its delay.
 
     The delay is refined by early against late half a chip away, the Doppler by a parabola through the best of
-    sixteenths of a bin and its neighbours.
+    sixteenths of a bin and its neighbours. There the coherent sums Z_b, of l_b code periods Tc each, give
+
+        C/N0 = (sum |Z_b|^2 / N - sum l_b) / (Tc sum l_b^2)
+
+    with N the noise of one code period.
+    Neglects: the side lobes of the code's own correlation, which count as noise: -0.5 dB at 42 dBHz and 10 ms.
     """
     power, k, doppler = found
     looks, periods, n = ready.y.shape
@@ -249,14 +254,12 @@ def _refined(
     off = _peak(fine, strength)
     at_peak = np.array([off])
     early, late = (np.linalg.norm(sums(delay + side * _FINE_CHIPS, at_peak)) for side in (-1.0, 1.0))
-    coarse = delay
     delay += 0.5 * float((late - early) / (late + early))
-    # the cell lies up to half a bin and half a sample beside the signal
-    gain = np.linalg.norm(sums(delay, at_peak)) / np.linalg.norm(sums(coarse, np.zeros(1)))
-    statistic = power / floor.noise
-    snr = statistic * float(gain) ** 2 / looks - 1.0
-    cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
-    return Acquisition(statistic, floor.cells, delay % code.length, doppler + off, cn0)
+    lengths = np.diff(begins, append=len(t))
+    strongest = float(np.sum(np.abs(sums(delay, at_peak)) ** 2)) * periods / floor.noise
+    snr = (strongest - len(t)) / float(np.sum(lengths**2))
+    cn0 = 10.0 * math.log10(snr / code.period_s) if snr > 0.0 else math.nan
+    return Acquisition(power / floor.noise, floor.cells, delay % code.length, doppler + off, cn0)
 
 
 def _sum_begins(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,6 +42,30 @@ def test_signal_is_found_at_its_delay_and_doppler(sampling: Sampling, rng: np.ra
     assert found.doppler_hz == pytest.approx(1730.0, abs=10.0)
     assert found.cn0_dbhz == pytest.approx(45.0, abs=1.5)
     assert found.statistic > threshold(1e-6 / found.cells, 2)
+
+
+@pytest.mark.parametrize("offset_hz", [0.0, 15.0, 30.0, -31.0])
+@pytest.mark.parametrize("sampling", [COMPLEX, REAL], ids=["complex", "real"])
+def test_cn0_of_known_data_bits_does_not_depend_on_the_place_in_the_doppler_bin(
+    sampling: Sampling, offset_hz: float, rng: np.random.Generator
+) -> None:
+    # bins of looks of 10 ms are 67 Hz wide; the bits begin 7.3 ms after the first sample
+    delay = 7300.0 * 1.023
+    truth, signs = (
+        CarrierAndCode(delay, 200.0 + offset_hz, 0.7, L1_HZ),
+        np.repeat([1, -1, -1, 1, -1, 1, -1, 1], 20),
+    )
+    # code periods are counted from the signal's own beginning, a bit earlier
+    received = ReceivedSignal(
+        CODE, 42.0, replace(truth, delay_chips=delay - 20.0 * 1023.0), signs.astype(np.int8)
+    )
+    samples = receive([received], sampling, round(0.12 * sampling.rate_hz), rng)
+    span = SearchSpan(200.0, 34.0, looks=12)
+
+    found = acquire(samples, [CODE], span, L1_HZ, [delay])[0]
+    assert found.doppler_hz == pytest.approx(200.0 + offset_hz, abs=1.0)
+    # sigma of 120 ms at 42 dBHz: 4.34 sqrt(2 / (q t)) = 0.14 dB; the code's side lobes count as noise, 0.5 dB
+    assert found.cn0_dbhz == pytest.approx(42.0 - 0.5, abs=0.6)
 
 
 def test_sums_of_noise_alone_exceed_the_threshold_as_often_as_stated(rng: np.random.Generator) -> None:
