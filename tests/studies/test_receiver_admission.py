@@ -16,7 +16,9 @@ from insgnss.cli.main import app
 from insgnss.errors import ConfigError
 from insgnss.studies import RECEIVERS, ReceiverOptions, receiver_study
 from insgnss.studies.campaign.study import CampaignConfig, run_campaign
+from insgnss.studies.receiver.admission import wanted_variants
 from insgnss.studies.receiver.comparison import ReceiverStudy
+from insgnss.studies.receiver.variants import Variant
 
 NAN = math.nan
 THREE = {"azimuth_deg": (10.0, 130.0, 250.0), "elevation_deg": (30.0, 40.0, 50.0)}
@@ -166,6 +168,23 @@ def test_pilot_is_integrated_beyond_a_symbol() -> None:
 
     assert study.summary["lost"].item() == 0.0
     json.dumps(study.asked["options"], allow_nan=False)  # settings are written as a file
+
+
+def test_settings_hold_every_number_of_a_receiver_of_ones_own() -> None:
+    own = replace(RECEIVERS["two_stage"], words="wide", widening=9.0)
+    asked = json.loads(json.dumps(flown(variants=("one_stage", own)).asked))
+
+    assert asked["variants"] == ["one_stage", "wide"]
+    assert {name: Variant(**numbers) for name, numbers in asked["own_variants"].items()} == {"wide": own}
+
+
+def test_two_receivers_of_one_name_are_refused() -> None:
+    wide = replace(RECEIVERS["two_stage"], widening=9.0)
+    with pytest.raises(ConfigError, match="two different receivers") as refused:
+        flown(variants=(RECEIVERS["two_stage"], wide))
+    assert refused.value.key == "variants"
+    # one receiver twice is one receiver
+    assert list(wanted_variants(["two_stage", "two_stage"])) == ["two_stage"]
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,11 @@ def test_study_is_saved_with_its_picture(tmp_path: Path) -> None:
     assert names <= {path.name for path in folder.iterdir()}
     again = pd.read_csv(folder / "summary.csv")
     assert list(again["receiver"]) == ["aided", "unaided"]
+    settings = json.loads((folder / "settings.json").read_text(encoding="utf-8"))
+    assert SampleReceiver(**settings["settings"]) == SETTINGS
+    assert (settings["seed"], settings["losses_db"], settings["duration_s"]) == (3, [LOSS_DB], SECONDS)
+    assert settings["receivers"] == ["aided", "unaided"]
+    assert settings["scenario"]["name"] == flown().config.name
 
 
 def test_recorded_samples_hold_the_satellites_of_the_flight(tmp_path: Path) -> None:
@@ -206,7 +211,7 @@ def test_table_of_a_recording_without_errors_has_no_numbers_that_are_none() -> N
     )
     row = dict.fromkeys(numbers, math.nan) | {"cn0_dbhz": 33.0, "receiver": "aided", "channels": 0.0}
     summary = pd.DataFrame([row | {"on_signal_at_end": 0.0}])
-    study = SampleStudy(summary, summary, summary, summary, SETTINGS)
+    study = SampleStudy(summary, summary, summary, summary, SETTINGS, {})
 
     assert [next(iter(column.cells)) for column in _table(study).columns] == ["33.0", "aided", *["-"] * 6]
 
@@ -242,6 +247,9 @@ def test_impossible_orders_are_refused(tmp_path: Path) -> None:
         assert raised.value.key == key
     with pytest.raises(InputError, match="shorter than an acquisition"):
         sample_receiver(flown(), losses_db=(0.0,), duration_s=0.1, settings=SETTINGS)
+    # 0.2 s of acquisition; the first epoch after it is at 1 s
+    with pytest.raises(InputError, match="ends before the first epoch"):
+        sample_receiver(flown(), losses_db=(0.0,), duration_s=0.7, receivers=("aided",), settings=QUICK)
     result = CliRunner().invoke(app, ["acquire", str(tmp_path / "no.iq"), "--rate", "4e6"])
     assert result.exit_code == 3
     with pytest.raises(ConfigError, match="nan is outside"):

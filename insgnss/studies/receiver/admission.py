@@ -238,20 +238,27 @@ def checked_call(
 
 
 def wanted_variants(variants: Sequence[str | Variant]) -> dict[str, Variant]:
-    """Return receivers by their names.
+    """Return receivers by their names, those of one's own by their words.
 
     Raises
     ------
-    ConfigError : an unknown name
+    ConfigError : an unknown name, or one name for two receivers
     """
     asked: Sequence[Any] = (variants,) if isinstance(variants, str | Variant) else variants
     if not isinstance(asked, Sequence | np.ndarray):
         advice = f"give a list of {', '.join(VARIANTS)}"
         raise ConfigError(f"{asked!r} is not a list of receivers", key="variants", advice=advice)
-    found = [variant_of(each) for each in asked]
-    return {
-        name if isinstance(name, str) else each.words: each for name, each in zip(asked, found, strict=True)
-    }
+    named: dict[str, Variant] = {}
+    for each in asked:
+        variant = variant_of(each)
+        name = each if isinstance(each, str) else variant.words
+        if named.setdefault(name, variant) != variant:
+            raise ConfigError(
+                f"two different receivers are called '{name}'",
+                key="variants",
+                advice="give each its own words, as replace(RECEIVERS[...], words=...)",
+            )
+    return named
 
 
 def require_imu(imu: Any) -> None:

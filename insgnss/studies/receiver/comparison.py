@@ -48,7 +48,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -70,7 +70,7 @@ from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, Linear
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
-from insgnss.studies.receiver.variants import USUAL_VARIANTS, Variant, variant_of
+from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tracking.admissible import require_seed, seeded
 
@@ -219,6 +219,7 @@ def receiver_study(
             "scenario": scene.name,
             "begins_s": scene.begins_s,
             "variants": list(wanted),
+            "own_variants": {name: asdict(of) for name, of in wanted.items() if VARIANTS.get(name) != of},
             "tracking": tracking,
             "imu": imu if imu is None or isinstance(imu, str) else imu.model_dump(),
             "oscillator": oscillator if isinstance(oscillator, str) else dict(oscillator),

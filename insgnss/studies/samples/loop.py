@@ -115,7 +115,7 @@ class SampleLoop:
 
         Raises
         ------
-        InputError : the recording is shorter than an acquisition
+        InputError : the recording is shorter than an acquisition, or ends before the first epoch after it
         """
         e, s = self.equipment, self.equipment.settings
         rate, t_ns = s.rate_hz, e.imu.t_ns
@@ -137,10 +137,13 @@ class SampleLoop:
             self.engine.imu(int(t_ns[k]), e.imu.w_ib_b[k], e.imu.f_b[k])
             self._steer(int(at[k]))
             if not buffer.reach(int(at[k + 1]) + round(_LATE_S * rate)):
-                return
+                break
             if at[k] > dwell and (k + 1) % every == 0:
                 self._epoch(int(t_ns[k]), int(at[k]), buffer)
             self.channels.run(buffer.in_phase, buffer.quadrature, buffer.first, int(at[k + 1]), self._aiding)
+        if not self.epochs:
+            advice = f"take {1.0 / s.epoch_rate_hz:g} s more, or a higher epoch_rate_hz"
+            raise InputError("the recording ends before the first epoch after its acquisition", advice=advice)
 
     def _steer(self, sample: int) -> None:
         """Take over the newest aiding; a channel that gets it for the first time keeps its frequency."""

@@ -19,13 +19,14 @@ milliseconds and data bits of the pseudoranges are resolved. No navigation messa
 
 from __future__ import annotations
 
+import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,7 @@ from insgnss.aiding.sources import aiding_sources
 from insgnss.config.flight import GivenStart
 from insgnss.config.library import filter_config
 from insgnss.config.sample_receiver import SampleReceiver
+from insgnss.config.simulation import SimulationConfig
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.setup import FilterSetup
@@ -74,6 +76,10 @@ class SimulatedFlight(Protocol):
     """A simulated flight, as ``insgnss.runs.simulate.simulate`` gives it."""
 
     @property
+    def config(self) -> SimulationConfig:
+        """The scenario file, which is saved with the results."""
+
+    @property
     def scenario(self) -> Scenario:
         """The scenario, whose trajectory, sky, antenna and clock count."""
 
@@ -91,20 +97,22 @@ class SampleStudy(ResultDisplay):
     channels: pd.DataFrame
     searches: pd.DataFrame
     settings: SampleReceiver
+    asked: Mapping[str, Any]  # scenario, losses, seed ...: the rest of the call
 
     def figure(self) -> Figure:
         """Return the picture: position errors with sigma, and channels in lock, for each C/N0."""
         return sample_figure(self.epochs, self.channels)
 
     def save(self, folder: str | Path, *, figure: bool = True) -> Path:
-        """Write tables as CSV, settings as JSON and the picture; return the folder.
+        """Write tables as CSV, settings and call as JSON, and the picture; return the folder.
 
         Raises
         ------
         ResultError : it cannot be written
         """
         tables = (getattr(self, name) for name in _TABLES)
-        contents = (*tables, self.settings.model_dump_json(indent=2), self.figure)
+        written = {**self.asked, "settings": self.settings.model_dump(mode="json")}
+        contents = (*tables, json.dumps(written, indent=1), self.figure)
         return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=figure)
 
 
@@ -171,7 +179,16 @@ def sample_receiver(
     summary, epochs, channels, searches = (
         pd.concat(tables, ignore_index=True) for tables in zip(*found, strict=True)
     )
-    return SampleStudy(summary, epochs, channels, searches, use)
+    asked = {
+        "losses_db": [float(loss) for loss in losses_db],
+        "duration_s": float(duration_s),
+        "receivers": list(receivers),
+        "filter": str(filter),
+        "recording": None if recording is None else str(recording),
+        "seed": int(seed),
+        "scenario": flight.config.model_dump(mode="json"),
+    }
+    return SampleStudy(summary, epochs, channels, searches, use, asked)
 
 
 def record_samples(
