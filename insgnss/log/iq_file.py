@@ -210,7 +210,8 @@ def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes
         raise ConfigError(
             f"an intermediate frequency of {sampling.intermediate_hz:g} Hz lies beyond half the sampling rate",
             key="intermediate_hz",
-            advice=f"give {0.5 * rate:g} Hz at most, or bandpass = true for real samples of a higher Nyquist zone",
+            advice=f"give {0.5 * rate:g} Hz at most; in Python, Sampling(..., bandpass=True) takes real samples of a"
+            " higher Nyquist zone",
         )
     require_whole(0, "give the number of bytes before the samples", skip_bytes=skip_bytes)
 

@@ -85,7 +85,11 @@ class Sampling:
                 f"sampling at {self.rate_hz:g} Hz is below Nyquist: the main lobe reaches {edge_hz:g} Hz",
                 key="rate_hz",
                 advice=f"sample at {2.0 * edge_hz:g} Hz or faster"
-                + ("" if self.is_complex else ", or say that a higher Nyquist zone is meant (bandpass)"),
+                + (
+                    ""
+                    if self.is_complex
+                    else ", or say that a higher Nyquist zone is meant: Sampling(..., bandpass=True)"
+                ),
             )
 
     def amplitude(self, cn0_dbhz: float) -> float:
