@@ -76,7 +76,8 @@ class Engine(FilterEngine):
         supervise : whether the search supervisor decides at each epoch what the receiver should do about every
             satellite of the constellations that the setup names; ``take_supervision`` has the decisions
         integrity : whether ``state`` and results have protection levels; a sub-filter runs for each satellite and
-            constellation so far, its settings are the filter's ``[integrity]``
+            constellation so far, and asks ``measurements`` for their rows too; its settings are the filter's
+            ``[integrity]``
 
         Raises
         ------

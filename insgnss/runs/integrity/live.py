@@ -61,9 +61,8 @@ class SubFilter(FilterEngine):
         for name in vars(self).keys() - _NOT_COPIED:
             setattr(self, name, copy.deepcopy(getattr(full, name), memo))
         self.satellites = satellites
-        self.final: dict[
-            int, EpochResult
-        ] = {}  # by time, those that the full filter's were not compared with yet
+        # by time, those that the full filter's were not compared with yet
+        self.final: dict[int, EpochResult] = {}
 
     def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> GnssRows:
         return without(super()._rows(epoch, before), self.satellites)
@@ -120,7 +119,7 @@ class LiveProtection:
         self._usable_ns: dict[int, int] = {}  # by satellite, the newest epoch that may use it
         self._waiting: list[EpochResult] = []  # of the full filter, final
         self._alert: list[_AlertRow] = []  # the rows of the one that lasts
-        self._suspect = ""  # which has been told in it
+        self._alert_ns: dict[str, int] = {}  # by suspect, the newest row with an alert of it
         self._spent = False  # the risk, which has been told
 
     def prepare(self, epoch: GnssTable) -> None:
@@ -214,11 +213,11 @@ class LiveProtection:
         return float(two_at_once(self._in_view(t_ns), self._config))
 
     def _alerts(self, result: EpochResult, subs: list[Output | None]) -> list[Event]:
-        """Return the event of an alert, which goes on from row to row, once for each suspect."""
+        """Return the event of an alert; none for a suspect that already had one within the last minute."""
         assert result.protection is not None
         _, _, names, d, limit = result.protection
         if not (np.abs(d) > limit).any():
-            self._alert, self._suspect = [], ""
+            self._alert = []
             return []
         if self._alert and self._alert[0].names != names:
             self._alert = []
@@ -235,10 +234,10 @@ class LiveProtection:
             t_ns,
         )
         (suspect,) = suspect_rows(separations)
-        if names[suspect] == self._suspect:
-            return []
-        self._suspect = names[suspect]
-        return alert_events(separations)
+        before_ns = self._alert_ns.get(names[suspect])
+        self._alert_ns[names[suspect]] = result.t_ns
+        is_known = before_ns is not None and result.t_ns - before_ns < MEMORY_NS
+        return [] if is_known else alert_events(separations)
 
     def _spent_risk(self, t_ns: int) -> list[Event]:
         """Return the event of levels that begin to be infinite because nothing is left of the risk."""
