@@ -1,6 +1,7 @@
-"""ROS 2 bags (MCAP) become tables: messages of sensor_msgs, and raw GNSS in messages of u-blox drivers or as bytes.
+"""ROS 2 bags (MCAP) become tables: messages of sensor_msgs, raw GNSS in messages of u-blox drivers or as bytes.
 
 Of sensor_msgs Imu, NavSatFix, FluidPressure and MagneticField are read, of the last two the topic with most messages.
+GPSFix (gps_msgs) is read in place of NavSatFix, or gives the velocities of its fixes.
 Raw measurements are read from ublox_msgs/RxmRAWX with RxmSFRBX, ublox_ubx_msgs/UBXRxmRawx with UBXRxmSfrbx, and from
 bytes (std_msgs/UInt8MultiArray, rtcm_msgs/Message, mavros_msgs/RTCM) that are UBX or RTCM 3. All other topics are
 named. An Imu or NavSatFix may also be a field of a driver's own message. Stamps are the computer's UTC: how far they
@@ -9,45 +10,40 @@ are from the receiver's time no bag says. Axes are ROS's, forward, left, up (REP
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
-from insgnss.gpstime import unix_to_gps_ns
 from insgnss.log.declared import RtcmOrigin
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
-from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference
-from insgnss.log.receiver import ReceiverLog, assembled
-from insgnss.log.rosbag.mcap_file import Topic, read_topics
+from insgnss.log.receiver import ReceiverLog, SolutionFrom, assembled
+from insgnss.log.rosbag.fixes import GPSFIX, NAVSATFIX, fixes
+from insgnss.log.rosbag.mcap_file import read_topics
 from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_rtcm, is_stream, raw_log
+from insgnss.log.rosbag.topic import Topic, stamps
 from insgnss.log.rtcm.origin import judged_origin
 from insgnss.log.sensor_pairs import paired
-from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
+from insgnss.tables import Event, ImuTable, ReferenceTable
 
 IMU: Final = "sensor_msgs/msg/Imu"
-FIX: Final = "sensor_msgs/msg/NavSatFix"
 PRESSURE: Final = "sensor_msgs/msg/FluidPressure"
 FIELD: Final = "sensor_msgs/msg/MagneticField"
-_READ: Final = frozenset((IMU, FIX, PRESSURE, FIELD, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
+_READ: Final = frozenset((IMU, NAVSATFIX, GPSFIX, PRESSURE, FIELD, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
 _AXES: Final = ("+x", "-y", "-z")  # forward, left, up -> forward, right, down
 _AXES_DOWN: Final = ("+x", "+y", "+z")
 _UPSIDE_DOWN_MPS2: Final = 5.0  # half of gravity
-_EARLIEST_S: Final = 1_000_000_000  # Unix time of the year 2001: earlier stamps count from a start
-_LATEST_S: Final = 6_000_000_000
-_NO_FIX: Final = -1
 _NOT_MEASURED: Final = -1.0  # first element of a covariance
-Decoded = list[tuple[int, Any]]
+_Table = TypeVar("_Table")
 
 
 def read_rosbag(
     path: Path, topics: Mapping[str, str] | None = None, rtcm: RtcmOrigin | None = None
 ) -> ReceiverLog:
-    """Read a ROS 2 bag (MCAP, plain or gzipped).
+    """Read a bag (plain or gzipped).
 
     Parameters
     ----------
@@ -57,10 +53,10 @@ def read_rosbag(
 
     Raises
     ------
-    InputError : the libraries are not installed, the file is not an MCAP file or holds no usable data, or several
-        topics would do and none is named
+    InputError : the libraries are not installed, the file is not a bag or holds no usable data, or several topics
+        would do and none is named
     """
-    found, events = read_topics(path, _READ, (IMU, FIX))
+    found, events = read_topics(path, _READ, (IMU, NAVSATFIX))
     if not events and not any(topic.count for topic in found.values()):
         advice = "nothing was published while it was recorded: compare with 'ros2 topic hz' before the next recording"
         raise InputError("the bag holds no message", file=path, advice=advice)
@@ -75,24 +71,42 @@ def read_rosbag(
             )
     with np.errstate(all="ignore"):
         imu_topic = _one(found, "imu", (IMU,), wanted, path)
-        imu = None if imu_topic is None else _inertial(imu_topic, events)
+        imu = None if imu_topic is None else _sound(imu_topic, events, lambda topic: _inertial(topic, events))
         raw_topic = _one(found, "gnss", (*RAW_KINDS, *BYTES), wanted, path)
         subframes = [topic for topic in found.values() if topic.kind in SUBFRAME_KINDS]
         raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
-        fix_topic = _one(found, "reference", (FIX,), wanted, path)
-        own = None if fix_topic is None else _fixes(fix_topic, events)
+        fix_topic, beside = _fix_topics(found, wanted, path)
+        solved = (
+            None
+            if fix_topic is None
+            else _sound(fix_topic, events, lambda topic: fixes(topic, beside, events))
+        )
+        own, inertial = solved or (None, False)
         if raw is not None and raw_topic is not None and is_rtcm(raw_topic):
             declared = rtcm or ("own" if "gnss" in wanted else None)
             raw = _of_the_receiver(raw, own, declared, raw_topic, events)
-        samples = [each for topic in found.values() for each in _further(topic, events)]
-    used = {topic.name for topic in (imu_topic, raw_topic, fix_topic, *subframes) if topic is not None}
+        further = [_sound(topic, events, lambda topic: _further(topic, events)) for topic in found.values()]
+        samples = [each for some in further for each in some or []]
+    topics_read = (imu_topic, raw_topic, fix_topic, beside, *subframes)
+    used = {topic.name for topic in topics_read if topic is not None}
     used |= {each.source for each in samples}
     others = [topic for topic in found.values() if topic.name not in used and topic.count]
     if others:
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
-    advice = f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
+    advice = f"record {IMU}, {NAVSATFIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
     log = assembled(path, raw, imu, own, events, further=samples, holder="bag", advice=advice)
-    return replace(log, imu_axes=_axes(imu, imu_topic, log.events))
+    source: SolutionFrom = "filter" if inertial else "satellites"
+    return replace(log, imu_axes=_axes(imu, imu_topic, log.events), solution_from=source)
+
+
+def _sound(topic: Topic, events: list[Event], read: Callable[[Topic], _Table]) -> _Table | None:
+    """Return what a topic is read as; None, with an event, where its messages are not as their type says."""
+    try:
+        return read(topic)
+    except (AttributeError, IndexError, TypeError, ValueError, OverflowError) as error:
+        detail = f"{topic.name} ({topic.kind}) not read: its fields are not those of its type: {error}"
+        events.append(Event(None, "mcap_not_used", detail))
+    return None
 
 
 def _listed(topics: Any) -> str:
@@ -109,7 +123,15 @@ def _one(
     InputError : there are several
     """
     if part in wanted:
-        return found[wanted[part]]
+        topic = found[wanted[part]]
+        if topic.kind not in kinds:
+            raise InputError(
+                f"the topic '{topic.name}' is of the type {topic.kind or 'unknown'}, which is not read as {part}",
+                file=path,
+                key=f"--topic {part}",
+                advice=f"name a topic of {', '.join(kinds)}",
+            )
+        return topic
     fitting = [topic for topic in found.values() if topic.kind in kinds and topic.messages]
     if len(fitting) > 1:
         fitting = [topic for topic in fitting if topic.kind not in BYTES or is_stream(topic)]
@@ -120,6 +142,29 @@ def _one(
             advice=f"name the one to read: --topic {part}={fitting[0].name}",
         )
     return fitting[0] if fitting else None
+
+
+def _fix_topics(
+    found: Mapping[str, Topic], wanted: Mapping[str, str], path: Path
+) -> tuple[Topic | None, Topic | None]:
+    """Return the topic of fixes, and one of GPSFix beside it that states the velocities of the same fixes.
+
+    NavSatFix comes first: its heights are above the ellipsoid.
+
+    Raises
+    ------
+    InputError : there are several of one type, and none is named
+    """
+    if "reference" in wanted:
+        topic = _one(found, "reference", (NAVSATFIX, GPSFIX), wanted, path)
+    else:
+        topic = _one(found, "reference", (NAVSATFIX,), wanted, path) or _one(
+            found, "reference", (GPSFIX,), wanted, path
+        )
+    others = [each for each in found.values() if each.kind == GPSFIX and each.messages]
+    if topic is None or topic.kind != NAVSATFIX or len(others) != 1:
+        return topic, None
+    return topic, others[0]
 
 
 def _of_the_receiver(
@@ -139,19 +184,6 @@ def _of_the_receiver(
     return raw if origin == "own" else None
 
 
-def _times(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
-    """Return the GPS time of each message's stamp, -1 for an invalid date."""
-    seconds = np.array([m.header.stamp.sec for _, m in messages], np.int64)
-    nanos = np.array([m.header.stamp.nanosec for _, m in messages], np.int64)
-    good = (seconds > _EARLIEST_S) & (seconds < _LATEST_S) & (nanos < NS_PER_S)
-    if not good.all():
-        detail = f"{topic.name}: {int((~good).sum())} message(s) with an invalid time stamp (simulated time?) left out"
-        events.append(Event(None, "mcap_time_unknown", detail))
-    t_ns = np.full(len(messages), -1, np.int64)
-    t_ns[good] = unix_to_gps_ns(seconds[good] * NS_PER_S + nanos[good])
-    return t_ns
-
-
 def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
     messages = topic.decoded(events)
     rates = [m for m in messages if m[1].angular_velocity_covariance[0] != _NOT_MEASURED]
@@ -161,11 +193,14 @@ def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
         vectors = [getattr(m, name) for _, m in chosen]
         values = np.array([(v.x, v.y, v.z) for v in vectors], np.float64).reshape(-1, 3)
         t_ns = (
-            _times(topic, chosen, events if name == "angular_velocity" else [])
+            stamps(topic, chosen, events if name == "angular_velocity" else [])
             if chosen
             else np.zeros(0, np.int64)
         )
         parts.append((t_ns[t_ns >= 0], values[t_ns >= 0]))
+    if messages and not (rates or forces):
+        detail = f"{topic.name}: by its covariances, {len(messages)} message(s) hold neither rates nor forces"
+        events.append(Event(None, "imu_incomplete", detail))
     imu, more_events = paired(*parts[0], *parts[1], topic.name)
     events += more_events
     if imu is not None:
@@ -181,7 +216,7 @@ def _further(topic: Topic, events: list[Event]) -> list[FurtherSamples]:
     if topic.kind not in (PRESSURE, FIELD):
         return []
     messages = topic.decoded(events)
-    t_ns = _times(topic, messages, events)
+    t_ns = stamps(topic, messages, events)
     kind: FurtherKind
     if topic.kind == PRESSURE:
         kind, values = BAROMETER, 0.01 * np.array([[m.fluid_pressure] for _, m in messages], np.float64)
@@ -201,24 +236,3 @@ def _axes(imu: ImuTable | None, topic: Topic | None, events: list[Event]) -> tup
     detail = f"{topic.name}: the specific force points along -z: taken for forward, right, down, not for REP-103's axes"
     events.append(Event(int(imu.t_ns[0]), "imu_axes_downwards", detail))
     return _AXES_DOWN
-
-
-def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
-    """Return the fixes as a reference of quality 2: no truth."""
-    messages = [m for m in topic.decoded(events) if m[1].status.status > _NO_FIX]
-    if not messages:
-        return None
-    t_ns = _times(topic, messages, events)
-    place = np.array([(m.latitude, m.longitude, m.altitude) for _, m in messages], np.float64)
-    covariance = np.array([list(m.position_covariance) for _, m in messages], np.float64)
-    known = np.array([m.position_covariance_type > 0 for _, m in messages])
-    rows = distinct_rows(t_ns, (t_ns >= 0) & on_earth(place))
-    if len(rows) < 2:
-        return None
-    sigma = np.full((len(rows), 9), np.nan)
-    variance = covariance[rows][:, [4, 0, 8]]  # east, north, up on the diagonal
-    sigma[:, :3] = np.where(
-        known[rows, None] & (variance > 0.0) & (variance < 1e12), np.sqrt(variance), np.nan
-    )
-    events.append(not_independent(f"{topic.name}, the receiver's fixes"))
-    return own_reference(t_ns[rows], place[rows], sigma)
