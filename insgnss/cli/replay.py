@@ -25,10 +25,9 @@ from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, r
 from insgnss.log.flight import Flight
 from insgnss.report.digest import digest
 from insgnss.report.epochs import pseudoranges_used
-from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
+from insgnss.results.saving import PAGE_KIND, RUN_KIND, check_file_replaceable, overwriting
 from insgnss.runs.replay import replay as run_replay
 from insgnss.runs.result import FILES, Run
-from insgnss.runs.result_folder import RUN_KIND
 
 _EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}

@@ -6,6 +6,8 @@ import difflib
 from pathlib import Path
 
 from insgnss.errors import MissingFileError
+from insgnss.results.record import entries_in
+from insgnss.results.saving import RUN_KIND
 
 
 def existing_file(path: Path) -> Path:
@@ -18,7 +20,7 @@ def existing_file(path: Path) -> Path:
     if path.is_file():
         return path
     if path.is_dir():
-        raise MissingFileError("this is a folder, not a file", file=path, advice="name the file in it")
+        raise MissingFileError("this is a folder, not a file", file=path, advice=_in_place_of(path))
     folder = path.parent
     if not folder.is_dir():
         advice = (
@@ -36,3 +38,11 @@ def existing_file(path: Path) -> Path:
         else f"no file in the folder '{folder}' has a similar name"
     )
     raise MissingFileError("file not found", file=path, advice=advice)
+
+
+def _in_place_of(folder: Path) -> str:
+    """Return which file to name in place of a folder."""
+    if any(entry.get("kind") == RUN_KIND for entry in entries_in(folder).values()):
+        return "it holds a saved run: name the flight file from which the run was made"
+    settings = sorted(path.name for path in folder.glob("*.toml"))
+    return f"name the file in it: {', '.join(settings[:3])}" if settings else "name the file in it"

@@ -59,6 +59,7 @@ PICTURE_KIND: Final = "picture"
 EXPORT_KIND: Final = "export"
 RECORDING_KIND: Final = "recording"
 STUDY_KIND: Final = "study"
+RUN_KIND: Final = "run"
 
 _NOTHING_SPECIAL: Final = _Permission()
 _NO_SAVES: Final[Mapping[str, _Save]] = MappingProxyType({})

@@ -35,13 +35,13 @@ import pandas as pd
 from pandas.api.types import is_float_dtype
 
 from insgnss.errors import ResultError
-from insgnss.results.saving import saving, writing
+from insgnss.results.saving import RUN_KIND, saving, writing
 from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import column_types, pieces, table_files, write_table
 from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.runs.reference_errors import noise_variance
-from insgnss.runs.result_folder import COLUMN_TYPES, RUN_KIND, SETTINGS, read_run
+from insgnss.runs.result_folder import COLUMN_TYPES, SETTINGS, read_run
 
 _OPTIONAL = (
     "errors",

@@ -18,11 +18,10 @@ from insgnss.config.changes import entry
 from insgnss.errors import ResultError
 from insgnss.results.nav_columns import ATTITUDE, COMPONENTS, EVENT, PLACE, VELOCITY
 from insgnss.results.record import RECORD, first_changed, saved_as
-from insgnss.results.saving import reading
+from insgnss.results.saving import RUN_KIND, reading
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"
-RUN_KIND: Final = "run"  # of the files in the record of a folder
 COLUMN_TYPES: Final = "columns.json"  # next to tables in CSV, which do not store them
 _NO_RUN: Final = "this folder holds no run; name the folder of a run"
 _WORDS: Final = (

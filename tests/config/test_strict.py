@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from insgnss.config.flight import FlightConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, MissingFileError
+from insgnss.results.record import RECORD
+from insgnss.results.saving import RUN_KIND
 
 GOOD = """\
 gps_week = 2268
@@ -115,6 +118,18 @@ def test_missing_file_names_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError) as caught:
         load_toml(tmp_path / "flight_b.toml", FlightConfig)
     assert "flight_a.toml" in caught.value.advice
+
+
+def test_folder_in_place_of_a_file_names_the_file_to_give(tmp_path: Path) -> None:
+    (tmp_path / "flight.toml").write_text(GOOD)
+    with pytest.raises(MissingFileError, match=r"name the file in it: flight\.toml"):
+        load_toml(tmp_path, FlightConfig)
+    entries = {"nav.parquet": {"kind": RUN_KIND, "sha256": ""}}
+    (tmp_path / RECORD).write_text(json.dumps(entries))
+    with pytest.raises(
+        MissingFileError, match="a saved run: name the flight file from which the run was made"
+    ):
+        load_toml(tmp_path, FlightConfig)
 
 
 def test_file_that_is_no_toml_gives_the_line(tmp_path: Path) -> None:
