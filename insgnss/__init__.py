@@ -37,7 +37,7 @@ from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.former_names import register
 from insgnss.log.flight import Flight
 from insgnss.report.compare import Comparison, compare
-from insgnss.report.late_page import write_report
+from insgnss.report.page_on_demand import write_report
 from insgnss.runs.check import examine as check_flight
 from insgnss.runs.engine import Engine
 from insgnss.runs.point import PointRun, point

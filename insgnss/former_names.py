@@ -18,6 +18,7 @@ FORMER: Final = {
     "doctor": "log.checks",
     "engine": "runs.engine",
     "flown_margin": "runs.margin",
+    "interference.lasting_acceleration": "interference.steady_acceleration",
     "jit": "kernels.jit",
     "library": "config.library",
     "log_replay": "runs.replay",
@@ -25,6 +26,7 @@ FORMER: Final = {
     "run": "runs.result",
     "saving": "results.saving",
     "simulate": "runs.simulate",
+    "simulation.journeys": "simulation.sample_trajectories",
     "supervision": "receiver",
     "visibility": "runs.visibility",
 }

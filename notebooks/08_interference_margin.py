@@ -52,7 +52,7 @@ from insgnss.interference import (
     oscillator_density,
 )
 from insgnss.interference.figures import diagram_figure, margin_figure, trade_off_figure
-from insgnss.interference.lasting_acceleration import density_at_threshold
+from insgnss.interference.steady_acceleration import density_at_threshold
 from insgnss.report.figures import STYLE
 from insgnss.runs.margin import flown_figure, flown_margin
 

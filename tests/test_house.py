@@ -210,8 +210,8 @@ def test_no_name_of_a_package_hides_its_module() -> None:
 
 def test_imports_stand_at_the_top_of_a_file() -> None:
     late = []
-    # a command imports what it needs when it is called: the others start without it; ``late_`` in a name says the same
-    for path in (p for p in SOURCES if p.parent.name != "cli" and not p.stem.startswith("late_")):
+    # a command imports what it needs when it is called: the others start without it; ``_on_demand`` says the same
+    for path in (p for p in SOURCES if p.parent.name != "cli" and not p.stem.endswith("_on_demand")):
         for place, node, _ in functions_of(path):
             for inner in ast.walk(node):
                 names = [a.name for a in inner.names] if isinstance(inner, ast.Import) else []
@@ -422,5 +422,5 @@ def test_nothing_of_the_package_is_imported_by_string() -> None:
     ]
 
     # each takes a name from outside: former names, a module of campaign cases, the address of a kernel, a reader
-    taken_from_outside = {"former_names", "tasks", "numba_parts", "late_sidereon"}
+    taken_from_outside = {"former_names", "tasks", "numba_parts", "sidereon_on_demand"}
     assert [place for place in hidden if Path(place.split(":")[0]).stem not in taken_from_outside] == []

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import pytest
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.kernels import jit, numba_parts
 from insgnss.tables import Float64
 from tests.kernels import KernelCase, Recording, all_cases, all_kernels

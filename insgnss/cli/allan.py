@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Pictures
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, check_files

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling

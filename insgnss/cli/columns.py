@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 
 
 def columns(

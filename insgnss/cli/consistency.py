@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.console import result_console
-from insgnss.cli.ending import own_errors_told
 from insgnss.cli.file_options import Pictures, SavedRun, StudyFolder, tell_end
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, check_files, run_files

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force

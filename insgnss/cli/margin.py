@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.console import result_console
-from insgnss.cli.ending import own_errors_told
 from insgnss.cli.file_options import FormatName, Pictures, StudyFolder, table_form, tell_end
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.margin_flown import flown_study
@@ -286,8 +286,8 @@ def _add_unaided(
 
     ``motion`` is one sigma [m/s^2], the correlation time [s] and the carrier [Hz].
     """
-    from insgnss.interference.lasting_acceleration import threshold_in_motion
     from insgnss.interference.margin import margin_in_motion_db
+    from insgnss.interference.steady_acceleration import threshold_in_motion
 
     for row, loop in zip(rows, loops.values(), strict=True):
         found = threshold_in_motion(oscillator, *motion, loop.discriminator.threshold_rms_rad)

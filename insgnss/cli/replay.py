@@ -13,8 +13,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.console import result_console
-from insgnss.cli.ending import own_errors_told
 from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form, tell_end
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json

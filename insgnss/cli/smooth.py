@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from insgnss.cli.ending import own_errors_told
+from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson

@@ -204,13 +204,13 @@ def run_epochs(
         few = max(n_ranges, n_rates) < _FEW
         locked = mostly(done.ranges_used, done.ranges_refused, few)
         locked = locked or mostly(done.rates_used, done.rates_refused, few)
-        head.locked_out = head.locked_out + 1 if locked else 0
-        if not done.strain > par.strain_limit:
-            head.strained_ns = 0
-        elif head.strained_ns == 0:
-            head.strained_ns = t_ns
-        strained = head.strained_ns != 0 and (t_ns - head.strained_ns) * 1e-9 >= par.strain_time
-        if head.locked_out >= par.lockout_epochs or strained:
+        head.rejected_epochs = head.rejected_epochs + 1 if locked else 0
+        if not done.mean_nis > par.divergence_nis:
+            head.diverged_ns = 0
+        elif head.diverged_ns == 0:
+            head.diverged_ns = t_ns
+        diverged = head.diverged_ns != 0 and (t_ns - head.diverged_ns) * 1e-9 >= par.divergence_time
+        if head.rejected_epochs >= par.lockout_epochs or diverged:
             return LOCKOUT, epoch + 1
         if needs_pruning(bank, drop):
             return PRUNE, epoch + 1

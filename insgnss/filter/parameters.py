@@ -108,8 +108,8 @@ class Parameters(Record):
     rate_error_s: float  # for which errors of rates and carrier differences are taken to last; 0: not at all
     reflected_below_db: float  # [dB]; 0: not tested
     lockout_epochs: float
-    strain_limit: float
-    strain_time: float  # [s]
+    divergence_nis: float
+    divergence_time: float  # [s]
     suspicion_limit: float  # chi^2 of three; 0: the prediction is never suspected
     heading_known_variance: float  # [rad^2]
     widest_heading_variance: float  # [rad^2] of one hypothesis; above it several take its place

@@ -151,9 +151,9 @@ class HeadRecord(Record):
     epoch_ns: int  # time of the last epoch; 0 before the first
     epoch_step_ns: int  # from the epoch before to it
     renewed_ns: int  # when the state was last set at a stroke: start, reset, clock step
-    locked_out: int  # consecutive epochs with most rows of a kind refused
+    rejected_epochs: int  # consecutive epochs with most rows of a kind refused
     silent_ns: int  # time since when no measurement was used; 0 when there are some
-    strained_ns: int  # time since when the innovations are far too large; 0 when they are not
+    diverged_ns: int  # time since when the innovations are far too large; 0 when they are not
     log_likelihood: float  # of the epochs, where one heading is left; for ``suspects``
     doubted_ns: int  # the filter's own prediction is not suspected before
     masking: int  # visibility stage: 0 nothing reported yet, 1 it waits, 2 it masks

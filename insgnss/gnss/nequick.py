@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import L1_HZ
 from insgnss.tables import Float64
 

@@ -23,8 +23,8 @@ import numpy.typing as npt
 
 from insgnss.interference.checks import finite, positive
 from insgnss.interference.discriminators import TIME_ADVICE, Discriminator, equivalent_noise, inverse_cn0
-from insgnss.interference.lasting_acceleration import threshold_in_motion
 from insgnss.interference.optimal_loop import noise_bandwidth, threshold_noise
+from insgnss.interference.steady_acceleration import threshold_in_motion
 from insgnss.tables import Float64
 
 _BAND_ADVICE: Final = "give the signal's band in hertz: 1.022e6 between the first zeros of GLONASS ST"

@@ -20,7 +20,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_S, S_PER_DAY
 from insgnss.errors import InputError, NavigationDataError, TimeError
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.orbits.precise import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.signals import signal_of

@@ -31,6 +31,7 @@ from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.kernels.compiled_ahead import is_complete
 from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
+from insgnss.runs.antennas_on_demand import with_antennas
 from insgnss.runs.contradiction import contradiction
 from insgnss.runs.first_run import Compilation, compiled
 from insgnss.runs.further_antennas import Record
@@ -38,7 +39,6 @@ from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
 from insgnss.runs.installation import installation_events
 from insgnss.runs.integrity.separation import Job, Separation, protection_of, separation_of
-from insgnss.runs.late_antennas import with_antennas
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
 from insgnss.runs.result_settings import run_settings

@@ -18,7 +18,7 @@ from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex.navigation import read_navigation
-from insgnss.runs.late_antennas import with_aid
+from insgnss.runs.antennas_on_demand import with_aid
 from insgnss.sensors.fitting import fitted
 from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
 from insgnss.tables import Event, NavigationData

@@ -41,9 +41,9 @@ from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.assembly import assemble
-from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reference import reference_table
+from insgnss.simulation.sample_trajectories import AIRFIELD, airborne_turns
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
 from insgnss.simulation.trajectory import Trajectory

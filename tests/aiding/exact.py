@@ -19,7 +19,7 @@ from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.constellation import satellite_states
-from insgnss.simulation.journeys import airborne_turns
+from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
 from insgnss.tables import Float64
 from tests.runs.scenes import START_NS, TACTICAL, TCXO, paper_sky

@@ -23,7 +23,6 @@ from insgnss.config.library import imu_grade, oscillator
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
-from insgnss.simulation.journeys import AIRFIELD, circle
 from insgnss.simulation.observations import (
     SIGNAL,
     WAVELENGTH_M,
@@ -35,6 +34,7 @@ from insgnss.simulation.observations import (
 )
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.reference import reference_table
+from insgnss.simulation.sample_trajectories import AIRFIELD, circle
 from insgnss.simulation.sky import nominal_constellation
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import EphemerisTable, Float64, Int64

@@ -20,8 +20,8 @@ from insgnss.filter.output.writing import Output
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import TraceIntervals, run_filter
 from insgnss.log.flight import Flight, FlightLogs
+from insgnss.runs.antennas_on_demand import with_antennas
 from insgnss.runs.engine import Engine
-from insgnss.runs.late_antennas import with_antennas
 from insgnss.runs.setup import engine_settings, setup_filter
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable

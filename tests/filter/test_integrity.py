@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
+from insgnss.filter.diagnosis.resetting import inflate_bias_covariance, reinitialise_position
 from insgnss.filter.layout import Layout
 from insgnss.filter.measurements.range_rate import COLUMNS as RATE_COLUMNS
 from insgnss.filter.output.writing import RANGES_NOISY, RATES_NOISY
@@ -279,7 +279,7 @@ def test_reset_takes_the_lever_arm_off_position_and_velocity() -> None:
     fix, truth = fix_of(bank, lever_b, w_ib_b, 1), bank.state.copy()
     bank.state["r_e"] += 50.0
     bank.state["v_e"] -= 3.0
-    reset_kinematics(bank.state[0], bank.P[0], fix, lever_b, layout_with(n_offsets=1), w_ib_b, 40.0)
+    reinitialise_position(bank.state[0], bank.P[0], fix, lever_b, layout_with(n_offsets=1), w_ib_b, 40.0)
     assert bank.state["r_e"][0] == pytest.approx(truth["r_e"][0], abs=1e-6)
     assert bank.state["v_e"][0] == pytest.approx(truth["v_e"][0], abs=1e-6)
     # the sigma of a clock that the fix does not tell is the settings'
@@ -290,6 +290,6 @@ def test_doubted_biases_keep_their_values() -> None:
     bank = new_filter(place())
     bank.state["b_a"], bank.state["b_g"] = 0.05, 1e-4
     sensor = sensor_model(TACTICAL)
-    doubt_sensors(bank.state[0], bank.P[0], sensor, Layout())
+    inflate_bias_covariance(bank.state[0], bank.P[0], sensor, Layout())
     assert np.all(bank.state["b_a"] == 0.05) and np.all(bank.state["b_g"] == 1e-4)
     assert bank.P[0, BA, BA] == sensor.accel_bias.sigma**2 and bank.P[0, BG, BG] == sensor.gyro_bias.sigma**2

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insgnss.config.library import filter_config, imu_grade
-from insgnss.filter.diagnosis.resetting import reset_kinematics
+from insgnss.filter.diagnosis.resetting import reinitialise_position
 from insgnss.filter.headings.heading_bank import turn_member
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.start.start import StartAttitude, open_bank
@@ -181,7 +181,7 @@ def test_reset_leaves_the_position_as_uncertain_as_the_lever_arm_is() -> None:
     fix = fix_of(bank, lever_b + FOUND, rate, 0)
     truth = m.r_e.copy()
     m.r_e[:] += 30.0
-    reset_kinematics(m, P, fix, lever_b, Layout((BLOCK,)), rate, 40.0)
+    reinitialise_position(m, P, fix, lever_b, Layout((BLOCK,)), rate, 40.0)
     np.testing.assert_allclose(m.r_e, truth, atol=1e-6)
     np.testing.assert_allclose(P[DR : DR + 3, OFFSETS:], -0.25 * m.C_eb, atol=1e-12)
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from insgnss.filter.diagnosis.lockout import ClockStep, absorb, clock_steps
+from insgnss.filter.diagnosis.lockout import ClockStep, apply_clock_step, clock_steps
 from insgnss.filter.rows.lines import LINE_DTYPE, Lines
 from insgnss.filter.state import CLOCK, DR, DRIFT, OFFSETS, Bank, new_bank
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
@@ -120,7 +120,7 @@ def test_absorbed_step_of_one_satellite_is_the_update_of_a_clock_that_nobody_kno
     lines, sv = lines_of([Seen(0, 80.0)])
     (step,) = clock_steps(lines, sv, P, np.zeros(OFFSETS), GATE2)
     bank = bank_of(P)
-    absorb(bank, step, LEVER_B)
+    apply_clock_step(bank, step, LEVER_B)
     wide = P.copy()
     wide[CLOCK], wide[:, CLOCK] = 0.0, 0.0
     wide[CLOCK, CLOCK] = 1e10
@@ -143,7 +143,7 @@ def test_every_hypothesis_gets_the_clock_that_its_own_position_asks_for(rng: np.
     bank.head["leader"] = 1
     bank.state["clock"][:, 0] = 5.0, 7.0
     bank.state["r_e"][0] = 10.0, -4.0, 3.0
-    absorb(bank, step, LEVER_B)
+    apply_clock_step(bank, step, LEVER_B)
     assert bank.state["clock"][1, 0] == pytest.approx(87.0)
     # the other one's range is longer by -u . dr, so its clock is smaller by as much
     farther = lines["h"][0, PSEUDORANGE, :3] @ bank.state["r_e"][0]

@@ -14,7 +14,7 @@ from insgnss.config.filter import SensorError
 from insgnss.config.flight import ImuGrade
 from insgnss.config.library import filter_config, imu_grade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.filter.diagnosis.resetting import doubt_sensors
+from insgnss.filter.diagnosis.resetting import inflate_bias_covariance
 from insgnss.filter.headings.motion import unknown_force
 from insgnss.filter.layout import SENSORS, Layout
 from insgnss.filter.registry import layout_of
@@ -249,7 +249,7 @@ def test_doubted_errors_keep_their_values_and_lose_what_was_known(rng: np.random
     m.r_e[:], m.C_eb[:] = place().r_e, np.eye(3)
     before = m.optional.copy()
 
-    doubt_sensors(m, P, sensor_model(imu_grade("industrial"), layout.names), layout)
+    inflate_bias_covariance(m, P, sensor_model(imu_grade("industrial"), layout.names), layout)
 
     assert np.all(m.optional == before)
     for at, variance in layout.sensor_states.items():

@@ -14,7 +14,7 @@ from insgnss.filter.prediction import USUAL_FORCE_S, ImuSamples, carry, new_scra
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters
 from tests.inertial.strapdown import EARTH, even_edges, skew
 
@@ -138,7 +138,7 @@ def test_covariance_of_no_time_is_what_it_was() -> None:
 @pytest.fixture(scope="module")
 def one_minute_of_turns() -> tuple[np.ndarray, ...]:
     """Return samples at 200 Hz and the start of an aircraft's turns of 35 deg of bank."""
-    trajectory, edges = journeys.airborne_turns(60.0), even_edges(60.0, 200.0)
+    trajectory, edges = sample_trajectories.airborne_turns(60.0), even_edges(60.0, 200.0)
     increments, start = trajectory.increments(edges), trajectory.motion(edges[:1])
     t_ns = np.rint(edges * NS_PER_S).astype(np.int64)
     w, f = increments.mean_rate(), increments.mean_specific_force()

@@ -13,7 +13,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S
 from insgnss.filter.prediction import ImuSamples, carry, new_scratch
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, PSI
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.imu import gauss_markov
 from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters
 from tests.inertial.linear_growth import ERRORS, linear_growth
@@ -37,7 +37,7 @@ class Nominal:
 
 @pytest.fixture(scope="module")
 def flight() -> Nominal:
-    trajectory, edges = journeys.airborne_turns(600.0), even_edges(600.0, RATE_HZ)
+    trajectory, edges = sample_trajectories.airborne_turns(600.0), even_edges(600.0, RATE_HZ)
     increments, start = trajectory.increments(edges), trajectory.motion(edges[:1])
     return Nominal(
         increments.mean_rate(), increments.mean_specific_force(), start.C_eb[0], start.r_e[0], start.v_e[0]

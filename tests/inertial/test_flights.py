@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.trajectory import Trajectory
 from tests.inertial.strapdown import angle_of, even_edges, fly
 
@@ -48,7 +48,7 @@ def strayed(
 
 @pytest.fixture(scope="module")
 def turns() -> Trajectory:
-    return journeys.level_turns()
+    return sample_trajectories.level_turns()
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_take_off_and_climb_stray_less_than_a_tenth_of_a_millimetre(turns: Traje
 def test_ten_minutes_over_the_pole_stray_less_than_a_tenth_of_a_millimetre(
     rate_hz: float, limit_m: float
 ) -> None:
-    errors = strayed(journeys.over_the_pole(), even_edges(TEN_MINUTES_S, rate_hz), round(rate_hz))
+    errors = strayed(sample_trajectories.over_the_pole(), even_edges(TEN_MINUTES_S, rate_hz), round(rate_hz))
 
     # 250 m/s, straight: gravity and Coriolis alone. Reached 4 um and 1.4 um, which is rounding
     assert errors.position_m < limit_m
@@ -84,7 +84,7 @@ def test_ten_minutes_over_the_pole_stray_less_than_a_tenth_of_a_millimetre(
 
 
 def test_ten_minutes_of_a_cars_corners_stray_less_than_a_tenth_of_a_millimetre() -> None:
-    assert strayed(journeys.car(), even_edges(TEN_MINUTES_S, 100.0), 100).position_m < 1e-4
+    assert strayed(sample_trajectories.car(), even_edges(TEN_MINUTES_S, 100.0), 100).position_m < 1e-4
 
 
 def test_coning_and_sculling_of_ordinary_turns_must_matter(turns: Trajectory) -> None:

@@ -13,13 +13,13 @@ from insgnss.gnss.signals import L1_HZ
 from insgnss.interference import PhaseLoop, discriminator, margin_db, margin_in_motion_db
 from insgnss.interference.discriminators import equivalent_noise, inverse_cn0
 from insgnss.interference.drift import per_mps
-from insgnss.interference.lasting_acceleration import (
+from insgnss.interference.margin import db
+from insgnss.interference.optimal_loop import error_variance, gains, threshold_noise
+from insgnss.interference.steady_acceleration import (
     density_at_threshold,
     equivalent_density,
     threshold_in_motion,
 )
-from insgnss.interference.margin import db
-from insgnss.interference.optimal_loop import error_variance, gains, threshold_noise
 from insgnss.interference.third_order import third_order_gains, third_order_threshold_noise
 from insgnss.tables import Float64
 from insgnss.tracking.channels import ChannelDesign, ChannelSimulation, scene

@@ -22,7 +22,7 @@ from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.receiver import Sightings, SupervisionSetup
-from insgnss.simulation.journeys import AIRFIELD
+from insgnss.simulation.sample_trajectories import AIRFIELD
 from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.tables import Float64, Int64
 from tests.antenna.vehicle import vehicle

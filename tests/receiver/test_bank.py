@@ -22,7 +22,7 @@ from insgnss.receiver.predictions import scales
 from insgnss.receiver.sightings import presence
 from insgnss.receiver.tracking_state import MISSING, NOT_KNOWN, PRESENT
 from insgnss.simulation.constellation import satellite_states
-from insgnss.simulation.journeys import AIRFIELD
+from insgnss.simulation.sample_trajectories import AIRFIELD
 from insgnss.simulation.sky import PAPER_SKY
 from insgnss.tables import GnssTable
 from tests.antenna.vehicle import HIDDEN_FIVE

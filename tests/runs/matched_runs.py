@@ -24,8 +24,8 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows, prepare_rows
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.simulation.journeys import airborne_turns
 from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
+from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.status import USED
 from insgnss.studies.matched_flight import error_state as error_state

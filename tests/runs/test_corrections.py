@@ -20,8 +20,8 @@ from insgnss.runs.gnss_rows import corrected_rows
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.faults import range_ramp
-from insgnss.simulation.journeys import AIRFIELD, static
 from insgnss.simulation.observations import NoiseTerms
+from insgnss.simulation.sample_trajectories import AIRFIELD, static
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import Float64, GnssTable, NavigationData
 from tests.runs.corrected_flights import (

@@ -15,8 +15,8 @@ from insgnss.errors import StartError
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.runs.result import Run
 from insgnss.simulation.faults import outage, range_ramp, range_step, reversed_range_rate
-from insgnss.simulation.journeys import airborne_turns
 from insgnss.simulation.oscillator import MILLISECOND_M
+from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.simulated_log import ClockStart, SimulatedLog
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData
 from tests.runs.scenes import (

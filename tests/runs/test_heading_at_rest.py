@@ -12,7 +12,7 @@ import insgnss
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.config.library import imu_grade
 from insgnss.runs.result import Run
-from insgnss.simulation.journeys import AIRFIELD, car, circle, static
+from insgnss.simulation.sample_trajectories import AIRFIELD, car, circle, static
 from tests.runs.scenes import even_sky, flight, kinds, simulator, true_start
 
 CONSUMER = ImuGrade(

@@ -14,7 +14,7 @@ import insgnss
 from insgnss.config.library import imu_grade
 from insgnss.runs.result import Run
 from insgnss.simulation.course import ManoeuvreSequence, smoothstep
-from insgnss.simulation.journeys import AIRFIELD, car
+from insgnss.simulation.sample_trajectories import AIRFIELD, car
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import ImuTable

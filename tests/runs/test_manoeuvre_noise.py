@@ -6,7 +6,7 @@ import numpy as np
 
 import insgnss
 from insgnss.config.library import imu_grade
-from insgnss.simulation.journeys import car
+from insgnss.simulation.sample_trajectories import car
 from tests.runs.scenes import START_S, even_sky, flight, simulator
 
 RUNS = 6

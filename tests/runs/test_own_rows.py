@@ -25,7 +25,7 @@ from insgnss.report.digest import digest
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage, range_ramp
-from insgnss.simulation.journeys import AIRFIELD, static
+from insgnss.simulation.sample_trajectories import AIRFIELD, static
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.status import NAMES
 from insgnss.tables import Float64, Int64

@@ -18,7 +18,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.smoothing.body_points import local_levels_of
 from insgnss.runs.result import Run
 from insgnss.simulation.course import ManoeuvreSequence
-from insgnss.simulation.journeys import AIRFIELD, KNOT_S, airborne_turns
+from insgnss.simulation.sample_trajectories import AIRFIELD, KNOT_S, airborne_turns
 from insgnss.simulation.simulated_log import Simulator
 from tests.runs.scenes import (
     LEVER_ARM_B,

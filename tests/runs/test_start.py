@@ -13,7 +13,14 @@ import insgnss
 from insgnss.config.library import imu_grade
 from insgnss.errors import StartError
 from insgnss.runs.result import Run
-from insgnss.simulation.journeys import AIRFIELD, airborne_turns, car, circle, over_the_pole, static
+from insgnss.simulation.sample_trajectories import (
+    AIRFIELD,
+    airborne_turns,
+    car,
+    circle,
+    over_the_pole,
+    static,
+)
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import ImuTable
 from tests.runs.scenes import (

@@ -21,7 +21,7 @@ from insgnss.log.flight import Flight
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.course import ManoeuvreSequence
-from insgnss.simulation.journeys import AIRFIELD, car, static
+from insgnss.simulation.sample_trajectories import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator
 from tests.filter.test_engine_arrivals import epochs, feed, with_latency
 from tests.runs.scenes import (

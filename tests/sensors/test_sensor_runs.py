@@ -11,7 +11,7 @@ import pytest
 import insgnss
 from insgnss.runs.result import Run
 from insgnss.simulation.faults import outage
-from insgnss.simulation.journeys import AIRFIELD, static
+from insgnss.simulation.sample_trajectories import AIRFIELD, static
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import Float64
 from tests.runs.scenes import START_S, even_sky, kinds, simulator, true_start, turns, with_faults

@@ -14,7 +14,7 @@ from insgnss.errors import ConfigError
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.faults import carrier_alone, carrier_without_clock_step, cycle_slip, half_cycle
 from insgnss.simulation.log_files import write_gnss
@@ -36,7 +36,7 @@ from tests.statistics_bounds import assert_mean_chi_square
 WEEK = 2385
 START_NS = int(week_seconds_to_ns(WEEK, 293_700.0))
 NAVIGATION = constellation_over(
-    journeys.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(WEEK, 295_200.0))
+    sample_trajectories.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(WEEK, 295_200.0))
 )
 EPH = NAVIGATION.ephemerides
 N = len(EPH.sv_names)
@@ -50,7 +50,7 @@ WITH_CARRIER = SimulatedReceiver(signals=BOTH, carrier_noise=NOISE)
 
 @pytest.fixture(scope="module")
 def flight() -> Trajectory:
-    return journeys.airborne_turns(120.0)
+    return sample_trajectories.airborne_turns(120.0)
 
 
 def observed(

@@ -14,8 +14,8 @@ import sidereon
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import GPS_EPOCH, week_seconds_to_ns
 from insgnss.simulation.constellation import satellite_states
-from insgnss.simulation.journeys import AIRFIELD
 from insgnss.simulation.rinex_nav import as_written, write_rinex_navigation
+from insgnss.simulation.sample_trajectories import AIRFIELD
 from insgnss.simulation.sky import PAPER_SKY, constellation_over, nominal_constellation
 from insgnss.tables import EphemerisTable, NavigationData
 

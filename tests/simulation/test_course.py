@@ -7,7 +7,7 @@ import pytest
 from pymap3d.vincenty import vreckon
 
 from insgnss.errors import ConfigError
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.course import ManoeuvreSequence, smoothstep
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.trajectory import Trajectory
@@ -62,7 +62,7 @@ def test_climb_and_descent_reach_their_heights_with_the_nose_along_the_way() -> 
 
 
 def test_the_sample_flight_rests_first_and_last_and_has_its_turns() -> None:
-    trajectory = journeys.level_turns()
+    trajectory = sample_trajectories.level_turns()
     t = np.arange(0.0, 1200.5, 0.5)
     truth = reference_table(trajectory.motion(t), 0)
     speed = np.linalg.norm(truth.v_n, axis=1)
@@ -74,7 +74,7 @@ def test_the_sample_flight_rests_first_and_last_and_has_its_turns() -> None:
 
 
 def test_the_car_stops_and_stays_level() -> None:
-    trajectory = journeys.car(600.0)
+    trajectory = sample_trajectories.car(600.0)
     t = np.arange(0.0, 600.0, 0.5)
     truth = reference_table(trajectory.motion(t), 0)
     speed = np.linalg.norm(truth.v_n, axis=1)

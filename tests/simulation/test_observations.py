@@ -12,7 +12,7 @@ import sidereon
 
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.gpstime import GPS_EPOCH, week_seconds_to_ns
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.faults import outage, range_ramp, range_step, reversed_range_rate
 from insgnss.simulation.observations import (
@@ -34,7 +34,7 @@ from tests.statistics_bounds import assert_mean_chi_square
 
 START_NS = int(week_seconds_to_ns(2385, 293_700.0))
 NAVIGATION = constellation_over(
-    journeys.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(2385, 295_200.0))
+    sample_trajectories.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(2385, 295_200.0))
 )
 EPH = NAVIGATION.ephemerides
 TAGS = np.arange(1.0, 119.0, 3.0)
@@ -43,7 +43,7 @@ LEVER = (0.8, 0.3, -1.1)
 
 @pytest.fixture(scope="module")
 def flight() -> Trajectory:
-    return journeys.airborne_turns(120.0)
+    return sample_trajectories.airborne_turns(120.0)
 
 
 def straight_clock(tags: np.ndarray, bias_m: float = 9.0e4, drift_mps: float = 50.0) -> ClockTruth:
@@ -164,7 +164,7 @@ def test_satellites_below_the_horizon_or_the_antennas_plane_are_not_tracked(flig
 
 
 def test_level_flight_masks_by_elevation_alone() -> None:
-    level = journeys.static(60.0, *journeys.AIRFIELD)
+    level = sample_trajectories.static(60.0, *sample_trajectories.AIRFIELD)
     clock = straight_clock(np.arange(1.0, 60.0, 10.0), 0.0, 0.0)
     by_horizon, by_antenna = (
         observed(level, clock, horizon_mask_deg=20.0),

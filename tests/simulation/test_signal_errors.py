@@ -14,7 +14,7 @@ from insgnss.config.library import antenna_file
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.faults import carrier_false_lock
 from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
@@ -42,7 +42,7 @@ from tests.statistics_bounds import assert_mean_chi_square
 
 START_NS = int(week_seconds_to_ns(2385, 293_700.0))
 EPH = constellation_over(
-    journeys.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(2385, 295_200.0))
+    sample_trajectories.AIRFIELD, PAPER_SKY, START_NS, 1200.0, int(week_seconds_to_ns(2385, 295_200.0))
 ).ephemerides
 N = len(EPH.sv_names)
 TAGS = np.arange(1.0, 119.0)
@@ -60,7 +60,7 @@ WAVELENGTH = np.repeat([C_MPS / L1_HZ, C_MPS / L5_HZ], N)
 
 @pytest.fixture(scope="module")
 def flight() -> Trajectory:
-    return journeys.airborne_turns(120.0)
+    return sample_trajectories.airborne_turns(120.0)
 
 
 def observed(flight: Trajectory, receiver: SimulatedReceiver, seed: int = 1) -> SignalObservations:

@@ -8,9 +8,9 @@ import pymap3d
 from insgnss.constants import WGS84_A_M
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.faults import false_lock
-from insgnss.simulation.journeys import airborne_turns
 from insgnss.simulation.observations import SimulatedReceiver, antenna_motion, observe_paths, paths_to
 from insgnss.simulation.oscillator import ClockTruth
+from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.sky import PAPER_SKY
 from insgnss.simulation.sky_law import GPS_HEIGHT_M, SkyLaw, table_with_states
 

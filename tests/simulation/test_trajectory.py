@@ -12,7 +12,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ned_axes
-from insgnss.simulation import journeys
+from insgnss.simulation import sample_trajectories
 from insgnss.simulation.trajectory import Trajectory
 from tests.geodesy.somigliana import somigliana
 from tests.simulation.inertial_integration import gravitation_i, integrate, position_i, rotation_ib
@@ -22,7 +22,7 @@ EARTH = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
 @pytest.fixture(scope="module")
 def flight() -> Trajectory:
-    return journeys.level_turns()
+    return sample_trajectories.level_turns()
 
 
 def closure_m(trajectory: Trajectory, from_s: float, to_s: float, step_s: float = 0.01) -> float:
@@ -64,7 +64,7 @@ def test_specific_force_is_inertial_acceleration_less_gravitation(flight: Trajec
 def test_at_rest_the_sensors_feel_gravity_and_the_earths_rate(
     lat_deg: float, rpy_deg: tuple[float, float, float]
 ) -> None:
-    trajectory = journeys.static(60.0, lat_deg, 30.0, 100.0, rpy_deg)
+    trajectory = sample_trajectories.static(60.0, lat_deg, 30.0, 100.0, rpy_deg)
     increments = trajectory.increments(np.arange(6001.0) * 0.01)
     C_eb = trajectory.rotation_eb(np.array([0.0])).as_matrix()[0]
     g_e = np.empty(3)
@@ -76,7 +76,7 @@ def test_at_rest_the_sensors_feel_gravity_and_the_earths_rate(
 
 
 def test_a_level_vehicle_feels_gravity_upwards_and_north_latitude_turns_it() -> None:
-    trajectory = journeys.static(10.0, 60.0, 30.0, 0.0, (0.0, 0.0, 0.0))
+    trajectory = sample_trajectories.static(10.0, 60.0, 30.0, 0.0, (0.0, 0.0, 0.0))
     f = trajectory.specific_force_b(np.array([5.0]))[0]
     w = trajectory.angular_rate_b(np.array([5.0]))[0]
     assert f == pytest.approx([0.0, 0.0, -9.8191], abs=2e-4)
@@ -93,7 +93,7 @@ def test_increments_integrated_in_the_inertial_frame_return_take_off_and_landing
 
 
 def test_increments_integrated_in_the_inertial_frame_cross_the_pole() -> None:
-    trajectory = journeys.over_the_pole()
+    trajectory = sample_trajectories.over_the_pole()
     lat, lon, h = pymap3d.ecef2geodetic(*trajectory.position_e(np.array([295.0, 305.0])).T)
     assert lat == pytest.approx(90.0 - 5 * 250.0 / 111_693.0 / (1 + 10e3 / 6.4e6), abs=2e-4)
     assert lon == pytest.approx([30.0, -150.0], abs=0.1)
@@ -119,7 +119,7 @@ def test_increments_do_not_depend_on_the_size_of_the_blocks(
 
 def test_circle_has_the_closed_form() -> None:
     radius, speed = 500.0, 50.0
-    trajectory = journeys.circle(120.0, 45.0, 10.0, 1000.0, radius_m=radius, speed_mps=speed)
+    trajectory = sample_trajectories.circle(120.0, 45.0, 10.0, 1000.0, radius_m=radius, speed_mps=speed)
     t = np.arange(0.0, 120.0, 0.37)
     angle = speed / radius * t
     C_ne = ned_axes(np.deg2rad([[45.0, 10.0, 0.0]]))[0]

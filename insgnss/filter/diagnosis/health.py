@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
-from insgnss.filter.diagnosis.lockout import absorb, clock_steps, in_words, is_thin
+from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.recovery import RecoveryTest, contradicted_kind, is_lost, open_doubt
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
@@ -137,9 +137,9 @@ class FilterHealth:
         """
         t_ns = int(rows.epoch_ns[epoch])
         health = self.setup.config.health
-        refusing = bool(bank.head[0].locked_out >= health.lockout_epochs)
-        bank.head["locked_out"] = 0
-        bank.head["strained_ns"] = 0
+        refusing = bool(bank.head[0].rejected_epochs >= health.lockout_epochs)
+        bank.head["rejected_epochs"] = 0
+        bank.head["diverged_ns"] = 0
         reason = (
             f"most measurements refused for {health.lockout_epochs} epochs"
             if refusing
@@ -190,7 +190,7 @@ class FilterHealth:
             (par.kind[PSEUDORANGE].gate2, par.kind[RANGE_RATE].gate2),
         )
         for step in steps:
-            absorb(bank, step, par.lever_b)
+            apply_clock_step(bank, step, par.lever_b)
             bank.head["renewed_ns"] = t_ns
         return [in_words(t_ns, step, self.setup.config.health.lockout_epochs) for step in steps]
 

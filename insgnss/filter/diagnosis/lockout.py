@@ -116,7 +116,7 @@ def _common(S: Float64, y: Float64, kept: Integers) -> tuple[Float64, float]:
     return w, float(rest @ np.linalg.solve(block, rest))
 
 
-def absorb(bank: Bank, step: ClockStep, lever_b: Float64) -> None:
+def apply_clock_step(bank: Bank, step: ClockStep, lever_b: Float64) -> None:
     """Set the stepped clock state of every hypothesis by the witnesses alone, whatever it was before.
 
     Equation: c <- c + w y, P <- T P T^T + (w R w^T) e_c e_c^T, T = I - e_c (w H): its error is what position and the

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
+from insgnss.filter.diagnosis.resetting import inflate_bias_covariance, reinitialise_position
 from insgnss.filter.diagnosis.witnesses import FEW, judged
 from insgnss.filter.output.writing import Output
 from insgnss.filter.prediction import ImuSamples
@@ -217,10 +217,10 @@ def open_doubt(
     for doubtful in (False, True):
         found = copy_bank(filter_bank)
         for m, P in zip(found.state, found.P, strict=True):
-            reset_kinematics(m, P, fix, lever_b, setup.layout, w_ib_b, sigma_m)
+            reinitialise_position(m, P, fix, lever_b, setup.layout, w_ib_b, sigma_m)
             tie_offsets(m, P, setup.layout.home, setup.config.process.qzss_offset_sigma_m)
             if doubtful:
-                doubt_sensors(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)
+                inflate_bias_covariance(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)
         found.memory[:] = -np.inf  # innovations about another position
         found.state["log_weight"] += _LOG_PRIOR
         found.state["explained"] = 0.0

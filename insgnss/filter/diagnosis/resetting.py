@@ -23,7 +23,7 @@ _RESET_VELOCITY_FLOOR_MPS = 0.1
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
-def reset_kinematics(
+def reinitialise_position(
     m: StateRecord,
     P: Float64,
     fix: Fix,
@@ -76,7 +76,7 @@ def reset_kinematics(
     to_imu_time(m, P, layout, with_velocity=fix.v_a is not None)
 
 
-def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:
+def inflate_bias_covariance(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:
     """Inflate the sensor errors of a hypothesis and its attitude: its estimates went astray.
 
     They keep their values: most of a sensor's error exists from the start.

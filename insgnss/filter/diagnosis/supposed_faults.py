@@ -95,7 +95,7 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     calm = parameters.copy()
     calm["suspicion_limit"] = 0.0
     calm["lockout_epochs"] = math.inf
-    calm["strain_limit"] = math.inf
+    calm["divergence_nis"] = math.inf
     calm["rate_memory_s"] = 0.0  # no explanation may choose the noise that it is judged by
     return calm
 

@@ -309,4 +309,4 @@ def smooth_back(stretches: list[Smoother], times_ns: Int64, out: Output) -> None
 def _fits(bank: Bank, navigator: Navigator) -> bool:
     """Return whether a filter agreed with its latest epoch."""
     head: HeadRecord = bank.head[0]
-    return bool(head.locked_out == 0 and head.strained_ns == 0 and navigator.health.doubt is None)
+    return bool(head.rejected_epochs == 0 and head.diverged_ns == 0 and navigator.health.doubt is None)

@@ -1,6 +1,7 @@
 """A bank of copies and alternatives that takes the same epochs as the filter and runs in parallel.
 
-Its results are written to no table. Its lock-out and strain are cleared after each epoch: they are the filter's.
+Its results are written to no table. Its rejected epochs and its divergence are cleared after each epoch: they are the
+filter's.
 """
 
 from __future__ import annotations
@@ -55,9 +56,9 @@ def update_beside(
 
 
 def clear_failures(bank: Bank) -> None:
-    """Clear the lock-out and the strain of a bank that runs in parallel with the filter."""
-    bank.head["locked_out"] = 0
-    bank.head["strained_ns"] = 0
+    """Clear the rejected epochs and the divergence of a bank that runs in parallel with the filter."""
+    bank.head["rejected_epochs"] = 0
+    bank.head["diverged_ns"] = 0
 
 
 def copy_filter(filter_bank: Bank, bank: Bank) -> None:

@@ -130,7 +130,7 @@ def update_epoch(
         done.rates_refused,
         done.clock_step,
         done.drift_step,
-        done.strain,
+        done.mean_nis,
         information,
     )
 

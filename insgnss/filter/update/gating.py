@@ -152,16 +152,16 @@ def count_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """
     passed = 0
     refused = 0
-    strain = 0.0
+    nis = 0.0
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
             variance = whole_variance(lines[j], kind)
-            strain += min(lines[j].innovation[kind] ** 2 / variance, gate2)
+            nis += min(lines[j].innovation[kind] ** 2 / variance, gate2)
             passed += 1
         elif lines[j].status[kind] == GATED:
-            strain += gate2
+            nis += gate2
             refused += 1
-    return passed, refused, strain / max(passed + refused, 1)
+    return passed, refused, nis / max(passed + refused, 1)
 
 
 @kernel(apart=True)

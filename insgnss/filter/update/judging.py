@@ -38,7 +38,7 @@ class UpdateOutcome(NamedTuple):
     rates_refused: int
     clock_step: float  # [m], 0 when there was none
     drift_step: float  # [m/s]
-    strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
+    mean_nis: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
     motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
 
 
@@ -69,10 +69,10 @@ def judge_rows(
             absorb_clock_step(m.clock, P, lines, kind, group, step, variance)
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
-        used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
+        used, refused, mean_nis = gate_rows(lines, kind, par.kind[kind].gate2)
         if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
-        done = noted(done, kind, used, refused, step, strain)
+        done = noted(done, kind, used, refused, step, mean_nis)
     if follow_satellites(m, memory, lines, observation, t_ns, s.fit, values, par):
         done = counted_again(done, lines, par)
     return done
@@ -111,18 +111,18 @@ def counted_again(done: UpdateOutcome, lines: Lines, par: Parameters) -> UpdateO
     """Return the outcome without satellites that are left out: known faults do not count against the filter."""
     again = UpdateOutcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
     for kind in range(2):
-        used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
+        used, refused, mean_nis = count_rows(lines, kind, par.kind[kind].gate2)
         step = done.clock_step if kind == PSEUDORANGE else done.drift_step
-        again = noted(again, kind, used, refused, step, strain)
+        again = noted(again, kind, used, refused, step, mean_nis)
     return again
 
 
 @kernel(inline=True)
 def noted(
-    done: UpdateOutcome, kind: int, used: int, refused: int, step: float, strain: float
+    done: UpdateOutcome, kind: int, used: int, refused: int, step: float, mean_nis: float
 ) -> UpdateOutcome:
-    """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
-    worst = max(done.strain, strain) if used + refused >= 4 else done.strain
+    """Return the outcome with the numbers of one kind in it; fewer than four rows give no mean NIS."""
+    worst = max(done.mean_nis, mean_nis) if used + refused >= 4 else done.mean_nis
     if kind == 0:
         return UpdateOutcome(
             0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst, 0.0

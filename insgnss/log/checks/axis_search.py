@@ -11,6 +11,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.log.checks.longitudinal_axis import (
+    Nose,
+    directions_of,
+    epoch_weight,
+    least_speed,
+    mean_direction,
+    noses,
+)
 from insgnss.log.checks.motion_fit import (
     Path,
     best_rotation,
@@ -20,14 +28,6 @@ from insgnss.log.checks.motion_fit import (
     signed_permutations,
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
-from insgnss.log.checks.nose_first import (
-    Nose,
-    directions_of,
-    epoch_weight,
-    least_speed,
-    mean_direction,
-    noses,
-)
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 

@@ -11,9 +11,9 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError, UnitsError
 from insgnss.gnss.signals import CHANNELS
+from insgnss.log.checks.antennas_on_demand import antenna_findings
 from insgnss.log.checks.gnss import ephemeris_findings, gnss_findings, ionosphere_findings
 from insgnss.log.checks.imu import imu_findings
-from insgnss.log.checks.late_antennas import antenna_findings
 from insgnss.log.checks.report import CheckReport, Finding, Proposal, from_events
 from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight

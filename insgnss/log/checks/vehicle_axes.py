@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.log.checks.axis_search import Hypothesis
+from insgnss.log.checks.longitudinal_axis import STEADY
 from insgnss.log.checks.motion_fit import signed_permutations
-from insgnss.log.checks.nose_first import STEADY
 from insgnss.tables import Float64
 
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,

@@ -17,7 +17,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.first_events import first_events

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
 from insgnss.log.first_events import first_events

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import M_PER_KM
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import datetime_to_ns, utc_to_ns
 from insgnss.log.messages.broadcast import StateVector

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_MS
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, carrier_hz
 from insgnss.log.rtcm.time import EpochTimes
 from insgnss.log.satellites import MAX_NUMBER

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from insgnss.errors import InputError, TimeError
-from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.log.files import file_buffer
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order

@@ -15,7 +15,6 @@ from insgnss.gnss.signals import L1_HZ, carrier_hz, signal_of
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.discriminators import Discriminator, discriminator, inverse_cn0
 from insgnss.interference.drift import density_of_walk, per_mps, phase_walk_of
-from insgnss.interference.lasting_acceleration import threshold_in_motion
 from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.spectra import (
     Modulation,
@@ -25,6 +24,7 @@ from insgnss.interference.spectra import (
     power_within,
     signal_name,
 )
+from insgnss.interference.steady_acceleration import threshold_in_motion
 from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 

@@ -19,9 +19,9 @@ from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gnss.signals import L1_HZ
 from insgnss.interference.discriminators import discriminator, inverse_cn0
 from insgnss.interference.drift import density_of_walk
-from insgnss.interference.lasting_acceleration import density_at_threshold
 from insgnss.interference.margin import PhaseLoop, margin_db, threshold_cn0_dbhz
 from insgnss.interference.spectra import broadband_separation, modulation_of, signal_named
+from insgnss.interference.steady_acceleration import density_at_threshold
 from insgnss.interference.third_order import third_order_threshold_noise
 from insgnss.runs.datum import FLIGHT, GPS_WEEK
 from insgnss.runs.margin import FlownMargin, flown_margin, picture

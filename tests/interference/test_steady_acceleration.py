@@ -12,8 +12,8 @@ from scipy import integrate
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import L1_HZ
 from insgnss.interference.drift import per_mps
-from insgnss.interference.lasting_acceleration import density_at_threshold, equivalent_density
 from insgnss.interference.optimal_loop import drift_variance, gains, noise_variance, threshold_noise
+from insgnss.interference.steady_acceleration import density_at_threshold, equivalent_density
 
 RMS = 0.067 * math.pi
 
