@@ -205,8 +205,10 @@ class Navigator:
     def _try(self, trial: StartValidation, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
         """Handle the stop of the compiled loop, and update the validation of the given start with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
-        if code == LOCKOUT and trial.standing() < _DOUBTED:
-            self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
+        if code == LOCKOUT and trial.log_probability() < _DOUBTED:
+            self._refuse_start(
+                t_ns, trial.end_with_alternatives()
+            )  # rather than to set right what is not worth it
             return
         assert self.bank is not None
         self.bank.head["doubted_ns"] = t_ns + 1  # it is the start that is in doubt, no sensor
@@ -214,7 +216,7 @@ class Navigator:
         if self.bank is None:
             self.trial = None
         elif self.trial is trial:
-            found = trial.take(self.bank, imu, rows, epoch, self._parameters)
+            found = trial.update(self.bank, imu, rows, epoch, self._parameters)
             if found is not None:
                 self._refuse_start(t_ns, found)
             elif trial.over:

@@ -54,7 +54,7 @@ class Parameters(Record):
     gyro_density: float  # [rad^2/s]
     accel_density: float  # [m^2/s^3]
     gyro_scale_density: float  # times rate^2 gives [rad^2/s]
-    accel_scale_density: float  # times ``unusual_force2`` gives [m^2/s^3]
+    accel_scale_density: float  # times ``force_departure2`` gives [m^2/s^3]
     gyro_bias_density: float
     gyro_bias_time: float
     accel_bias_density: float

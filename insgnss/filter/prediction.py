@@ -56,7 +56,9 @@ class Rates(Record):
 
 RATES_DTYPE: Final = dtype_of(Rates)
 SHOWN2: Final = 25.0  # squared sigmas of its noise beyond which a rate or a force is one
-USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+FORCE_DEPARTURE_TIME_S: Final = (
+    30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+)
 _FARTHEST2: Final = 4e10  # 200 km of height, beyond which the expansion is not valid
 _CURVED_M2: Final = 9e6  # 3 km, over which it leaves 3 mm/s: see ``add_gravity_curvature``
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
@@ -220,8 +222,8 @@ def step_state(
     w, f = rates.w, rates.f
     C = m.C_eb
     half = 0.5 * dt
-    unusual = unusual_force2(m, f, dt)
-    shown_rates(m, par, w, f, unusual, dt)
+    departure2 = force_departure2(m, f, dt)
+    shown_rates(m, par, w, f, departure2, dt)
     for i in range(3):
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
@@ -238,14 +240,16 @@ def step_state(
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     gyro = par.gyro_density + par.gyro_scale_density * w2
-    accel = par.accel_density + par.accel_scale_density * unusual
+    accel = par.accel_density + par.accel_scale_density * departure2
     m.sum_gyro_q += (gyro + gyro_unknown) * dt
     m.sum_accel_q += (accel + accel_unknown) * dt
     m.sum_dt += dt
 
 
 @kernel(inline=True)
-def shown_rates(m: StateRecord, par: Parameters, w: Float64, f: Float64, unusual: float, dt: float) -> None:
+def shown_rates(
+    m: StateRecord, par: Parameters, w: Float64, f: Float64, departure2: float, dt: float
+) -> None:
     """Keep the rate and the specific force that further errors of the sensors go with, their noise taken off at rest.
 
     A sample's noise moves the state as an error of scale does, in proportion to itself: a filter that takes it for a
@@ -254,7 +258,7 @@ def shown_rates(m: StateRecord, par: Parameters, w: Float64, f: Float64, unusual
     """
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     turns = w2 * dt > SHOWN2 * par.gyro_density
-    moves = unusual * dt > SHOWN2 * par.accel_density
+    moves = departure2 * dt > SHOWN2 * par.accel_density
     for i in range(3):
         m.w_last[i] = w[i] if turns else 0.0
         m.f_last[i] = f[i] if moves else m.f_mean[i]
@@ -270,7 +274,7 @@ def sum_couplings(m: StateRecord, par: Parameters, dt: float) -> None:
 
 
 @kernel(inline=True)
-def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
+def force_departure2(m: StateRecord, f: Float64, dt: float) -> float:
     """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
 
     The effect of scale factors and misalignments on a constant force is in the bias; only its change is a separate
@@ -278,7 +282,7 @@ def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
     """
     total = 0.0
     new = m.f_mean[0] == 0.0 and m.f_mean[1] == 0.0 and m.f_mean[2] == 0.0
-    share = 1.0 if new else dt / max(USUAL_FORCE_S, dt)
+    share = 1.0 if new else dt / max(FORCE_DEPARTURE_TIME_S, dt)
     for i in range(3):
         apart = f[i] - m.f_mean[i]
         m.f_mean[i] += share * apart

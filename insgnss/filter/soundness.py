@@ -35,7 +35,7 @@ def is_finite(m: StateRecord, P: Float64) -> bool:
     for i in range(4):
         total += m.q_eb[i]
     for i in range(2):
-        total += m.clock[i] + m.air_clone[i] + m.drift_moved[i]
+        total += m.clock[i] + m.previous_zenith_delays[i] + m.drift_moved[i]
     for i in range(MAX_OPTIONAL):
         total += m.optional[i]
     for i in range(N_FACTORS):

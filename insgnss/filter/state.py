@@ -84,7 +84,7 @@ class StateRecord(Record):
     # where the IMU's time is estimated: velocities, ECEF [m/s]
     v_shown: Annotated[Float64, 3]  # that counts as motion
     v_corrected: Annotated[Float64, 3]  # after the last epoch's rows
-    air_clone: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
+    previous_zenith_delays: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
     clone_ns: int  # its time tag; 0: there is none
     v_mean: Annotated[Float64, 3]  # velocity of the last seconds, ECEF [m/s]
     v_mean_variance: float  # mean variance of its errors, of a horizontal axis; 0: none yet
@@ -243,7 +243,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(4):
         target.q_eb[i] = source.q_eb[i]
     for i in range(2):
-        target.clock[i], target.air_clone[i] = source.clock[i], source.air_clone[i]
+        target.clock[i], target.previous_zenith_delays[i] = source.clock[i], source.previous_zenith_delays[i]
         target.level_risen[i], target.drift_moved[i] = source.level_risen[i], source.drift_moved[i]
     for i in range(MAX_OPTIONAL):
         target.optional[i] = source.optional[i]

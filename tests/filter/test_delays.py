@@ -59,7 +59,7 @@ def climbing_filter(v_n: tuple[float, float, float]) -> Bank:
     m.r_clone[:] = m.r_e - 0.5 * m.v_e
     m.clone_ns = START_NS - STEP_NS
     at_clone = parameters(at_zenith_delay=ZENITH, use_troposphere=1.0)
-    m.air_clone[:] = air_at(m.r_clone, at_clone)
+    m.previous_zenith_delays[:] = air_at(m.r_clone, at_clone)
     return bank
 
 

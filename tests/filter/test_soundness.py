@@ -158,7 +158,7 @@ STATES = (
     "r_clone",
     "C_swung",
     "clock_clone",
-    "air_clone",
+    "previous_zenith_delays",
 )
 SUMS = (
     "sum_dt",

@@ -10,7 +10,13 @@ from filterpy.common import van_loan_discretization
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2
-from insgnss.filter.prediction import USUAL_FORCE_S, ImuSamples, carry, new_scratch, predict_covariance
+from insgnss.filter.prediction import (
+    FORCE_DEPARTURE_TIME_S,
+    ImuSamples,
+    carry,
+    new_scratch,
+    predict_covariance,
+)
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
@@ -235,7 +241,7 @@ def test_sensor_noise_comes_in_with_its_density_and_the_scale_factors_share() ->
 
     # 0.1 s; |w| = 0.5 rad/s, 30 m/s^2 along y and z more than usual; by way of the attitude 1e-4 of it
     attitude = (par.gyro_density + 2e-7 * 0.25) * 0.1
-    apart2 = 2.0 * 30.0**2 * np.mean((1.0 - 0.001 / USUAL_FORCE_S) ** (2 * np.arange(100)))
+    apart2 = 2.0 * 30.0**2 * np.mean((1.0 - 0.001 / FORCE_DEPARTURE_TIME_S) ** (2 * np.arange(100)))
     velocity = (par.accel_density + 3e-6 * apart2) * 0.1
     assert np.diag(P)[three(PSI)] == pytest.approx(attitude, rel=1e-3, abs=0.0)
     assert np.diag(P)[three(DV)] == pytest.approx(velocity, rel=1e-3, abs=0.0)

@@ -190,15 +190,15 @@ def test_right_start_is_left_alone_to_the_bit(base: object, monkeypatch: pytest.
 def test_trial_of_a_right_start_costs_little_at_rest_and_ends_in_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Rivals cost as much as the filter each: an epoch a second for a minute, then one in ten, until a corner."""
+    """Alternatives cost as much as the filter each: an epoch a second for a minute, then one in ten, until a corner."""
     taken: list[float] = []
-    update = StartValidation._update
+    update = StartValidation._update_bank
 
     def noted(self: StartValidation, imu: object, rows: GnssRows, epoch: int, *others: object) -> None:
         taken.append(float(rows.epoch_ns[epoch] - START_NS) / 1e9)
         update(self, imu, rows, epoch, *others)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(StartValidation, "_update", noted)
+    monkeypatch.setattr(StartValidation, "_update_bank", noted)
     replayed(given(late_drive(), AT_S))
     seconds = np.round(taken)
     assert (
@@ -211,7 +211,7 @@ def test_trial_of_a_right_start_costs_little_at_rest_and_ends_in_motion(
 
 @pytest.mark.parametrize("base", [drive, late_drive], ids=["drive", "late drive"])
 def test_engine_gives_the_bits_of_replay_through_a_trial(base: object) -> None:
-    """With late epochs, an outage longer than the latency, and rivals that are put off and taken up again."""
+    """With late epochs, an outage longer than the latency, and alternatives that are put off and taken up again."""
     flown = given(base(), AT_S, yaw=180.0)  # type: ignore[operator]
     logs = flown.read()
     second = (logs.gnss.t_ns - logs.imu.t_ns[0]) / 1e9

@@ -53,7 +53,9 @@ def carrier_difference(
     h[_CLOCK_THEN] = -1.0
     air, earlier = s.air[0], s.air[1]
     troposphere = air.dry * air.dry_factor + air.wet * air.wet_factor
-    troposphere -= m.air_clone[0] * earlier.dry_factor + m.air_clone[1] * earlier.wet_factor
+    troposphere -= (
+        m.previous_zenith_delays[0] * earlier.dry_factor + m.previous_zenith_delays[1] * earlier.wet_factor
+    )
     wet = air.wet_factor - earlier.wet_factor
     shell = -row.phase_factor * a.shell_grown
     left, count = zenith_columns(m, par, line, CARRIER, N_COLUMNS, wet, shell)

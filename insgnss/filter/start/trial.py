@@ -2,13 +2,13 @@
 
 A heading that is wrong by far more than its sigma can be absorbed: biases of consumer-grade sensors explain the first
 turn, and the sigma shrinks as if they were right. No innovation is then large enough for a gate, but the likelihood of
-all of them shows it. So a copy of the filter runs in a bank with rivals that were started automatically, of the same
-heading and of headings all around, each of a low prior weight. When the measurements rule out the given
-attitude, the rivals replace it; when they rule out the rivals, or these reach the same attitude, the validation ends.
+all of them shows it. So a copy of the filter runs in a bank with alternatives that were started automatically, of the
+same heading and of headings all around, each of a low prior weight. When the measurements rule out the given attitude,
+the alternatives replace it. When they rule out the alternatives, or these reach the same attitude, the validation ends.
 It does not change the filter itself by a bit.
 
-A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
-others do, but it has the given attitude, and the filter corrects its position by itself.
+A start may also be wrong in its position or velocity alone. The alternative of the same heading shows that: it gains as
+all others do, but it has the given attitude, and the filter corrects its position by itself.
 
 It takes one epoch a second, whatever the receiver's rate. Nothing decides while the velocity stays as it is, at rest or
 on a straight: after a minute of that it takes one in ten seconds, until the velocity changes.
@@ -40,12 +40,16 @@ from insgnss.tables import Bool, Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
 _OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
-_HOPELESS: Final = -30.0  # logarithm of the share of its prior at which a rival goes: at first it knows less
+_HOPELESS: Final = (
+    -30.0
+)  # logarithm of the share of its prior at which a alternative goes: at first it knows less
 _HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # while the alternatives settle, no likelihood counts
 _PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
 _CALM_PERIOD_NS: Final = 10 * NS_PER_S
-_PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
+_PATIENCE_NS: Final = (
+    60 * NS_PER_S
+)  # without a fix to start the alternatives from, or without a change of velocity
 _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
 _TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
@@ -59,10 +63,12 @@ class StartValidation:
 
     setup: FilterSetup
     starter: Starter = field(init=False)
-    bank: Bank | None = None  # copies of the filter's hypotheses first, then the rivals; None: not opened yet
+    bank: Bank | None = (
+        None  # copies of the filter's hypotheses first, then the alternatives; None: not opened yet
+    )
     n_given: int = 0  # of its hypotheses are the filter's
     over: bool = False
-    since_ns: int = 0  # when the wait began, then when the rivals were started
+    since_ns: int = 0  # when the wait began, then when the alternatives were started
     settling: bool = False
     look_ns: int = 0  # the first epoch from then on is taken
     taken_ns: int = 0  # the epoch taken last
@@ -71,7 +77,7 @@ class StartValidation:
     _work: FilterWorkspace | None = None
 
     def __post_init__(self) -> None:
-        """Get ready to start rivals."""
+        """Get ready to start alternatives."""
         self.starter = Starter(self.setup, given=False)
 
     def copied(self) -> StartValidation:
@@ -81,7 +87,7 @@ class StartValidation:
         twin.bank = None if self.bank is None else copy_bank(self.bank)
         return twin
 
-    def standing(self) -> float:
+    def log_probability(self) -> float:
         """Return the logarithm of the given attitude's probability, all who have come to it; 0 before the trial."""
         if self.bank is None or self.settling:
             return 0.0
@@ -95,10 +101,10 @@ class StartValidation:
         n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)
         return np.array([i in given or any(_agree(self.bank, sigma, i, j) for j in given) for i in range(n)])
 
-    def take(
+    def update(
         self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
     ) -> Bank | None:
-        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
+        """Update with an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
         t_ns = int(rows.epoch_ns[epoch])
         if t_ns < self.look_ns:
             return None
@@ -115,13 +121,13 @@ class StartValidation:
         # ... and all use the same satellites: none is masked by an attitude that is in question
         every = parameters.copy()
         every["visibility"] = OFF
-        self._update(imu, rows, epoch, every)
+        self._update_bank(imu, rows, epoch, every)
         if self.over:
             return None
         if len(bank.state) == self.n_given:
             copy_filter(bank, self.bank)
-        if self.standing() < self.setup.log_drop:
-            return self.rivals()
+        if self.log_probability() < self.setup.log_drop:
+            return self.end_with_alternatives()
         self._thin_out()
         return None
 
@@ -143,8 +149,8 @@ class StartValidation:
         speed = float(np.linalg.norm(bank.state[lead].v_e))
         return self.setup.config.start.rest_speed_mps + 3.0 * math.sqrt(float(variance)) + _CHANGE * speed
 
-    def rivals(self) -> Bank:
-        """Return the rivals without the given start, those of negligible weight left out; the trial is over."""
+    def end_with_alternatives(self) -> Bank:
+        """End the validation; return the alternatives without the given start, those of negligible weight left out."""
         assert self.bank is not None
         self.over = True
         weight = self.bank.state["log_weight"].copy()
@@ -158,7 +164,7 @@ class StartValidation:
     def _open(
         self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
     ) -> None:
-        """Start the rivals at an epoch, if it allows that, with the filter's estimated noise levels."""
+        """Start the alternatives at an epoch, if it allows that, with the filter's estimated noise levels."""
         t_ns = int(rows.epoch_ns[epoch])
         lead = bank.state[bank.head[0].leader]
         self.starter.headings = self._headings(bank)
@@ -183,7 +189,7 @@ class StartValidation:
         self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True
 
     def _headings(self, bank: Bank) -> list[StartHeading]:
-        """Return the rivals' headings: the filter's own, and those all around."""
+        """Return the alternatives' headings: the filter's own, and those all around."""
         lead = int(bank.head[0].leader)
         _, _, yaw = attitude(bank.state[lead])
         sigma = min(float(_heading_sigmas(bank)[lead]), math.pi)
@@ -191,7 +197,7 @@ class StartValidation:
         around = headings_around(yaw, [_OTHER_HEADING_WEIGHT] * n) if n > 1 else []
         return [StartHeading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
 
-    def _update(self, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+    def _update_bank(self, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]) -> None:
         """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
         assert self.bank is not None
         alone = one_epoch(rows, epoch)
@@ -203,14 +209,14 @@ class StartValidation:
             self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
 
     def _thin_out(self) -> None:
-        """Drop the rivals without hope and those that have become one with a heavier rival."""
+        """Drop the alternatives without hope and those that have become one with a heavier alternative."""
         assert self.bank is not None
         weight = self.bank.state["log_weight"]
         hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
         sigma, keep = _heading_sigmas(self.bank), list(range(self.n_given))
         for i in np.argsort(-weight, kind="stable"):
-            rival = i >= self.n_given and weight[i] >= hopeless
-            if rival and not any(_agree(self.bank, sigma, int(i), j) for j in keep[self.n_given :]):
+            alternative = i >= self.n_given and weight[i] >= hopeless
+            if alternative and not any(_agree(self.bank, sigma, int(i), j) for j in keep[self.n_given :]):
                 keep.append(int(i))
         agreeing = self._agreeing()
         self.over = bool(agreeing[keep].all())
@@ -224,7 +230,7 @@ def banks_of(bank: Bank | None, trial: StartValidation | None) -> list[Bank]:
 
 
 def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
-    """Return the event of a given start whose place the rivals take."""
+    """Return the event of a given start whose place the alternatives take."""
     before, after = (
         ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
         for bank in (was, now)

@@ -29,7 +29,7 @@ def clone_epoch(
     n, c = P.shape[0], par.at_clone
     m.clone_ns = t_ns
     m.clock_clone = m.clock[0]
-    m.air_clone[0], m.air_clone[1] = air.dry, air.wet
+    m.previous_zenith_delays[0], m.previous_zenith_delays[1] = air.dry, air.wet
     l_e = a.l_e
     for i in range(3):
         m.r_clone[i] = a.r_a[i]
