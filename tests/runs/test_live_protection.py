@@ -13,11 +13,12 @@ import pytest
 
 import insgnss
 from insgnss.config.library import filter_config
-from insgnss.filter.engine_results import EpochResult
+from insgnss.filter.engine_results import EpochProtection, EpochResult
+from insgnss.filter.epoch_tables import empty_epoch
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.flight import FlightInMemory
-from insgnss.runs.integrity.live import SubFilter, _Monitored
+from insgnss.runs.integrity.live import LiveProtection, SubFilter, _Monitored
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import GnssTable
 from tests.filter.test_engine import no_delay, stream
@@ -162,3 +163,27 @@ def test_spent_risk_is_told_once() -> None:
     engine, results = streamed(flight(turns(40.0), seed=906), no_delay(), settings)
     assert [event.kind for event in engine.events].count("integrity_risk_spent") == 1
     assert math.isinf(levels_of(results, 30.0)["hpl_m"].min())
+
+
+def test_suspect_is_told_again_only_after_a_minute_without_an_alert_of_it() -> None:
+    """An alert that comes and goes each second for half a minute, a quiet time, and the same again."""
+    engine = engine_of(two_constellations())
+    protection = LiveProtection(engine, engine._setup)
+    for number in (0, 1):
+        sub = SubFilter(engine, engine._setup, np.array([number]))
+        protection._monitored.append(_Monitored(satellite_name(number), sub))
+
+    def told(at_s: float, name: str | None) -> list[str]:
+        names = tuple(each.name for each in protection._monitored)
+        d = np.array([[3.0 if name == each else 0.5, 0.0, 0.0] for each in names])
+        rows, out = engine._rows(empty_epoch()), engine.newest_row()
+        result = EpochResult(START_NS + round(at_s * 1e9), empty_epoch(), rows, out)
+        result.protection = EpochProtection(1.0, 1.0, names, d, np.ones((2, 3)))
+        return [event.detail.split(":")[0] for event in protection._alerts(result, [None, None])]
+
+    first, second = (each.name for each in protection._monitored)
+    flapping = [told(t, first if t % 2 == 0 else None) for t in range(30)]
+    assert flapping == [[f"suspect {first}"], *[[]] * 29]
+    assert told(31.0, second) == [f"suspect {second}"]
+    assert told(60.0, None) == [] and told(80.0, first) == []  # 52 s after its last alert
+    assert told(141.0, first) == [f"suspect {first}"]
