@@ -72,10 +72,10 @@ def acquire(
         over = row["statistic"] / row["threshold"]
         printed.add_row(str(row["sv"]), str(row["status"]), *cells, f"{over:.2f}")
     result_console(100).print(printed)
-    found = int((table["status"] == "found").sum())
+    n_satellites = int((table["status"] == "found").sum())
     doubtful = int((table["status"] == "cross_correlation").sum())
     typer.echo(
-        f"{file.duration_s:.3f} s of samples; {found} satellites found; {doubtful} more peaks may be cross-correlation "
-        "of the strong ones (--all); nothing was written"
+        f"{file.duration_s:.3f} s of samples; {n_satellites} satellites found; {doubtful} more peaks may be"
+        " cross-correlation of the strong ones (--all); nothing was written"
     )
     typer.echo(f"{time.perf_counter() - began:.2f} s in all")

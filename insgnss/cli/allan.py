@@ -78,16 +78,16 @@ def allan(
         f"instability {grade.accel_bias_instability_mg:.4g} mg over {grade.accel_correlation_time_s:.4g} s, "
         f"random walk {grade.accel_random_walk_mg_per_sqrt_h:.4g} mg/sqrt(h)"
     )
-    for sensor, found in (("gyro", study.gyro_fit), ("accelerometer", study.accel_fit)):
-        _tell_what_is_unseen(sensor, found, study.duration_s)
+    for sensor, fit in (("gyro", study.gyro_fit), ("accelerometer", study.accel_fit)):
+        _tell_what_is_unseen(sensor, fit, study.duration_s)
     for path in written:
         typer.echo(f"wrote {path}")
     where = "" if written else "nothing was written (no --output); "
     typer.echo(f"{where}{time.perf_counter() - began:.2f} s in all")
 
 
-def _tell_what_is_unseen(sensor: str, found: NoiseFit, duration_s: float) -> None:
-    if found.instability == 0.0 and found.rate_random_walk == 0.0:
+def _tell_what_is_unseen(sensor: str, fit: NoiseFit, duration_s: float) -> None:
+    if fit.instability == 0.0 and fit.rate_random_walk == 0.0:
         typer.echo(
             f"{sensor}: {duration_s:.0f} s show no bias instability: the lowest deviation is used instead"
         )

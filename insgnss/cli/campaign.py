@@ -78,9 +78,9 @@ def campaign(
     for row in failed.head(_FAILURES_SHOWN).to_dict("records"):
         text = f"case {row['case']}, seed {row['seed']} failed: {row['error']}"
         console.print(text, highlight=False, markup=False, soft_wrap=True)
-    found = f", {done.n_found} of {done.n_tasks} tasks were there" if done.n_found else ""
+    reused = f", {done.n_found} of {done.n_tasks} tasks were there" if done.n_found else ""
     typer.echo(
-        f"{done.n_runs} runs of {config.n_cases} cases{found}; {len(failed)} failed in all; wrote {output};"
+        f"{done.n_runs} runs of {config.n_cases} cases{reused}; {len(failed)} failed in all; wrote {output};"
         f" {time.perf_counter() - began:.2f} s in all"
     )
     _end(done)

@@ -56,12 +56,12 @@ def check(
     files = loaded.files()
     took_s = time.perf_counter() - began - report.compile_s
     if as_json:
-        found = [asdict(finding) for finding in report.findings]
+        findings = [asdict(finding) for finding in report.findings]
         proposals = [asdict(proposal) for proposal in report.proposals]
         about = {
             "flight": report.name,
             "severity": report.severity,
-            "findings": found,
+            "findings": findings,
             "proposals": proposals,
         }
         print_json({**about, "written": written, "files_read": len(files), "took_s": took_s})

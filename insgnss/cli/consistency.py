@@ -52,8 +52,8 @@ def consistency(
                 study.save(output, pictures=pictures)
     if as_json:
         tables = {"kinds": records(study.kinds), "states": records(study.states)}
-        found = {"from_s": study.asked["from_s"], **tables, "verdict": list(study.verdict)}
-        print_json({**found, "wrote": output})
+        results = {"from_s": study.asked["from_s"], **tables, "verdict": list(study.verdict)}
+        print_json({**results, "wrote": output})
         return
     console = result_console()
     console.print(_table("innovations", "kind", study.kinds, ("used", "refused", "mean_nis", "low", "high",

@@ -63,15 +63,15 @@ def iq(
         use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
         losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))
         with telling("simulating") as tell:
-            made = simulate(scenario, seed, duration_s=duration, progress=tell)
+            simulation = simulate(scenario, seed, duration_s=duration, progress=tell)
             if record is not None:
                 tell("writing samples")
-                count = record_samples(made, record, losses[0], duration, use, seed)
+                count = record_samples(simulation, record, losses[0], duration, use, seed)
                 results = {"samples": count, "rate_hz": use.rate_hz, "wrote": [str(record)]}
                 study = None
             else:
                 study = sample_receiver(
-                    made,
+                    simulation,
                     losses_db=losses,
                     duration_s=duration,
                     receivers=tuple(receiver or RECEIVERS),

@@ -135,13 +135,13 @@ def margin(
             if acceleration is not None:
                 _add_unaided(rows, loops, next(iter(drifts.values())), (acceleration, lasting, carrier), cn0)
             console.print(_margin_table(loops, drifts, cn0, rows))
-            found = _simulated(console, seed) if simulate else []
+            thresholds = _simulated(console, seed) if simulate else []
             written = [] if output is None else [_saved(rows, output, form)]
             if output is not None and pictures:
-                written += _pictures(output, loops, drifts, carrier, cn0, found)
+                written += _pictures(output, loops, drifts, carrier, cn0, thresholds)
             answer = {"drift_rad2_per_s3": drifts, "loops": rows}
             answer |= {
-                "simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]
+                "simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in thresholds]
             }
     if as_json:
         print_json({**answer, "wrote": [str(path) for path in written]})
@@ -182,8 +182,8 @@ def _loops(
     from insgnss.interference.margin import PhaseLoop
     from insgnss.interference.spectra import modulation_of, signal_named
 
-    found = signal_named(signal)
-    modulation = modulation_of(found)
+    named_signal = signal_named(signal)
+    modulation = modulation_of(named_signal)
     band, period = bandwidth or modulation.null_to_null_hz, accumulation or modulation.symbol_s
     if bandwidth == 0.0 or accumulation == 0.0:
         raise ConfigError(
@@ -193,7 +193,7 @@ def _loops(
         )
     asked = discriminator(kind, threshold)
     kinds = [asked, *(d for d in DISCRIMINATORS if d.name != asked.name)]
-    return {d.name: PhaseLoop(d, band, period) for d in kinds}, found.carrier_hz
+    return {d.name: PhaseLoop(d, band, period) for d in kinds}, named_signal.carrier_hz
 
 
 def _drifts(oscillator: str, imu: str, interval: float, carrier: float) -> dict[str, float]:
@@ -290,9 +290,9 @@ def _add_unaided(
     from insgnss.interference.steady_acceleration import threshold_in_motion
 
     for row, loop in zip(rows, loops.values(), strict=True):
-        found = threshold_in_motion(oscillator, *motion, loop.discriminator.threshold_rms_rad)
+        threshold = threshold_in_motion(oscillator, *motion, loop.discriminator.threshold_rms_rad)
         row["unaided_db"] = float(margin_in_motion_db(oscillator, *motion, loop, cn0))
-        row["unaided_order"] = int(found.order)
+        row["unaided_order"] = int(threshold.order)
 
 
 def _simulated(console: Console, seed: int) -> list[LockThreshold]:
@@ -302,7 +302,7 @@ def _simulated(console: Console, seed: int) -> list[LockThreshold]:
     from insgnss.interference.discriminators import DISCRIMINATORS
     from insgnss.interference.lock_thresholds import LIFETIME, lock_threshold
 
-    found = []
+    thresholds = []
     with counting() as bar:
         for kind in DISCRIMINATORS:
             task = bar.add_task(kind.name, total=1.0)
@@ -310,15 +310,15 @@ def _simulated(console: Console, seed: int) -> list[LockThreshold]:
             def tell(name: str, share: float, task: int = task) -> None:
                 bar.update(task, completed=share)  # type: ignore[arg-type]
 
-            found.append(lock_threshold(kind, np.random.default_rng(seed), progress=tell))
-    for one in found:
+            thresholds.append(lock_threshold(kind, np.random.default_rng(seed), progress=tell))
+    for one in thresholds:
         console.print(
             f"{one.discriminator.name}: C_A {one.ratio():.4f} at {LIFETIME:.0f} / B "
             f"(table 1: {one.discriminator.threshold_ratio:.3f}); "
             f"{one.level[0]:.3f} at {one.lifetime[0]:.0f} / B, {one.level[-1]:.3f} at {one.lifetime[-1]:.0f} / B",
             highlight=False,
         )
-    return found
+    return thresholds
 
 
 def _pictures(

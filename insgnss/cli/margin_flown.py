@@ -46,7 +46,10 @@ def flown_study(
     for _, event in events.iterrows():
         console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
     counts = study.in_lock()
-    found: dict[str, Any] = {"satellites": records(study.summary().reset_index()), "events": records(events)}
+    results: dict[str, Any] = {
+        "satellites": records(study.summary().reset_index()),
+        "events": records(events),
+    }
     least_in_lock = {}
     for loop, words in (("unaided", "without"), ("aided", "with")):
         least = counts.iloc[int(counts[f"lock_{loop}"].to_numpy().argmin())]
@@ -58,11 +61,11 @@ def flown_study(
             f"in lock, at {least['time_s']:.1f} s",
             highlight=False,
         )
-    found["least_in_lock"] = least_in_lock
+    results["least_in_lock"] = least_in_lock
     if output is None:
-        return found, []
+        return results, []
     written = [study.save(output, form)]
-    return found, written + ([picture(study, output / PICTURE_FILE)] if pictures else [])
+    return results, written + ([picture(study, output / PICTURE_FILE)] if pictures else [])
 
 
 def _flown_table(study: FlownMargin) -> Table:

@@ -108,12 +108,12 @@ def _list(kinds: list[str], *, as_json: bool) -> None:
     from insgnss.config import library
 
     if as_json:
-        found = [
+        entries = [
             {"kind": kind, "name": name, "about": library.about(kind, name), "file": library.find(kind, name)}
             for kind in kinds
             for name in library.names(kind)
         ]
-        print_json({"models": found})
+        print_json({"models": entries})
         return
     from rich.console import Console
     from rich.markup import escape

@@ -92,7 +92,7 @@ def receiver(
             "--antenna", "-a", help="Pattern of a level antenna: a name in the library, or a file (.csv)."
         ),
     ] = None,
-    told: Annotated[
+    assumed_cn0: Annotated[
         float | None,
         typer.Option(
             "--assumed-cn0", "--told", help="C/N0 in dBHz that the receiver assumes, whatever the true value."
@@ -133,7 +133,7 @@ def receiver(
             latency_s=latency,
             least_cn0_dbhz=least,
             estimates_cn0=estimate,
-            told_cn0_dbhz=told,
+            told_cn0_dbhz=assumed_cn0,
             masking=masking,
         )
         mounted = None if antenna is None else installation([MountedAntenna(pattern=antenna)], Path())[0]

@@ -120,15 +120,15 @@ def read_times(path: Path) -> list[float | str]:
     if not lines:
         raise InputError("holds no times", file=path, advice=_WRITE_TIMES)
     at, head = lines[0]
-    found = [(d, split_cells(head, d)) for d in DELIMITERS]
-    named = [(d, cells) for d, cells in found if set(cells) & set(_TIME_COLUMNS)]
+    candidates = [(d, split_cells(head, d)) for d in DELIMITERS]
+    named = [(d, cells) for d, cells in candidates if set(cells) & set(_TIME_COLUMNS)]
     if named:
         delimiter, cells = max(named, key=lambda one: len(one[1]))
         name = next(name for name in _TIME_COLUMNS if name in cells)
         place, width = cells.index(name), len(cells)
     else:
         delimiter, place, width, name = None, 0, 1, "time_s"
-        if any(len(cells) > 1 for d, cells in found if d != " "):
+        if any(len(cells) > 1 for d, cells in candidates if d != " "):
             raise ColumnError(
                 "no column 'time_s' or 'utc'",
                 file=path,
@@ -163,7 +163,7 @@ def _time_of(row: list[str], place: int, width: int, where: tuple[Path, int, str
                 f"'{cell}' has a comma", advice="write a decimal point, and no thousands separators"
             )
         return float(cell.replace(",", "."))
-    found = dated_text_ns([cell])[0]
-    if isinstance(found, str):
-        raise refused(f"'{cell}' {found}", advice=_WRITE_TIMES)
+    moment = dated_text_ns([cell])[0]
+    if isinstance(moment, str):
+        raise refused(f"'{cell}' {moment}", advice=_WRITE_TIMES)
     return cell

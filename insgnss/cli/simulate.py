@@ -38,19 +38,23 @@ def simulate(
 
         check_output(scenario, output)
         with telling("simulating") as tell:
-            made = simulated(scenario, seed, noise=not clean, duration_s=duration, progress=tell)
+            simulation = simulated(scenario, seed, noise=not clean, duration_s=duration, progress=tell)
             tell("writing")
-            paths = made.save(output)
-    log = made.log
+            paths = simulation.save(output)
+    log = simulation.log
     satellites = len(set(log.gnss.sv.tolist()))
     if as_json:
-        about = {"name": made.config.name or scenario, "duration_s": made.scenario.duration_s, "seed": seed}
+        about = {
+            "name": simulation.config.name or scenario,
+            "duration_s": simulation.scenario.duration_s,
+            "seed": seed,
+        }
         rows = {"imu_samples": len(log.imu.t_ns), "gnss_rows": len(log.gnss.t_ns), "satellites": satellites}
         print_json({**about, **rows, "wrote": [str(path) for path in paths]})
         return
     typer.echo(
-        f"{made.config.name or scenario}: {made.scenario.duration_s:.0f} s, {len(log.imu.t_ns)} inertial samples, "
-        f"{len(log.gnss.t_ns)} GNSS rows of {satellites} satellites"
+        f"{simulation.config.name or scenario}: {simulation.scenario.duration_s:.0f} s,"
+        f" {len(log.imu.t_ns)} inertial samples, {len(log.gnss.t_ns)} GNSS rows of {satellites} satellites"
     )
     for path in paths:
         typer.echo(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")

@@ -102,21 +102,21 @@ def _digest(
     """Return the result as plain data."""
     from insgnss.tracking.trial import assess
 
-    found = assess(simulation, history)
+    assessment = assess(simulation, history)
     chip_m = C_MPS / chip_hz
     return {
-        "phase_rms_deg": math.degrees(found.phase_rms_rad),
-        "phase_noise_deg": math.degrees(found.phase_noise_rad),
-        "delay_rms_m": found.delay_rms_chips * chip_m,
-        "delay_noise_m": found.delay_noise_chips * chip_m,
-        "frequency_rms_hz": found.rate_rms_radps / (2.0 * math.pi),
+        "phase_rms_deg": math.degrees(assessment.phase_rms_rad),
+        "phase_noise_deg": math.degrees(assessment.phase_noise_rad),
+        "delay_rms_m": assessment.delay_rms_chips * chip_m,
+        "delay_noise_m": assessment.delay_noise_chips * chip_m,
+        "frequency_rms_hz": assessment.rate_rms_radps / (2.0 * math.pi),
         "noise_bandwidth_hz": float(simulation.design.carrier.noise_bandwidth_hz()),
-        "channels": int(found.channels),
-        "slipped": int(found.slipped),
-        "phase_lock": float(found.phase_lock),
+        "channels": int(assessment.channels),
+        "slipped": int(assessment.slipped),
+        "phase_lock": float(assessment.phase_lock),
         "cn0_dbhz": cn0,
-        "cn0_moments_dbhz": float(found.moment_dbhz),
-        "cn0_narrow_wide_dbhz": float(found.narrow_wide_dbhz),
+        "cn0_moments_dbhz": float(assessment.moment_dbhz),
+        "cn0_narrow_wide_dbhz": float(assessment.narrow_wide_dbhz),
     }
 
 
@@ -126,23 +126,24 @@ def _print_result(simulation: ChannelSimulation, history: ChannelHistory, cn0: f
 
     from insgnss.tracking.trial import assess
 
-    found = assess(simulation, history)
+    assessment = assess(simulation, history)
     table = Table(title="errors after the first fifth of the time, of channels in lock")
     for name in ("", "rms", "noise of the linear loop"):
         table.add_column(name, justify="left" if not name else "right")
-    degrees = [math.degrees(value) for value in (found.phase_rms_rad, found.phase_noise_rad)]
+    degrees = [math.degrees(value) for value in (assessment.phase_rms_rad, assessment.phase_noise_rad)]
     table.add_row("carrier phase", *(f"{value:.2f} deg" for value in degrees))
-    metres = [value * C_MPS / chip_hz for value in (found.delay_rms_chips, found.delay_noise_chips)]
+    metres = [value * C_MPS / chip_hz for value in (assessment.delay_rms_chips, assessment.delay_noise_chips)]
     table.add_row("code delay", *(f"{value:.3f} m" for value in metres))
-    table.add_row("carrier frequency", f"{found.rate_rms_radps / (2.0 * math.pi):.3f} Hz", "")
+    table.add_row("carrier frequency", f"{assessment.rate_rms_radps / (2.0 * math.pi):.3f} Hz", "")
     console = result_console(100)
     console.print(table)
     console.print(
         f"true noise bandwidth {simulation.design.carrier.noise_bandwidth_hz():.3f} Hz, "
-        f"slipped {found.slipped} of {found.channels} channels, phase lock {found.phase_lock:.3f}",
+        f"slipped {assessment.slipped} of {assessment.channels} channels, phase lock {assessment.phase_lock:.3f}",
         highlight=False,
     )
     console.print(
-        f"C/N0 {cn0:.2f} dBHz: moments {found.moment_dbhz:.2f}, narrow-wide {found.narrow_wide_dbhz:.2f} dBHz",
+        f"C/N0 {cn0:.2f} dBHz: moments {assessment.moment_dbhz:.2f},"
+        f" narrow-wide {assessment.narrow_wide_dbhz:.2f} dBHz",
         highlight=False,
     )

@@ -82,8 +82,8 @@ def visibility(
     if as_json:
         median = study.dop.drop(columns="time_s").median().to_dict()
         dop = {"median": median, "largest_pdop_seen": study.dop["pdop_seen"].max()}
-        found = {"satellites": records(_shares(study).reset_index()), "dop": dop}
-        print_json({**found, "events": records(study.events), "wrote": output if written else None})
+        results = {"satellites": records(_shares(study).reset_index()), "dop": dop}
+        print_json({**results, "events": records(study.events), "wrote": output if written else None})
         return
     console = result_console()
     console.print(_satellite_table(study))
