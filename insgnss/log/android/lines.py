@@ -188,14 +188,14 @@ def cells(lines: AndroidLines) -> AndroidCells:
         usual = Counter(text.count(",") + 1 for text in lines.texts).most_common(1)[0][0]
         if usual > 1:
             table, refused = _table(lines.texts, usual)
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for name, column in zip(names, table.columns, strict=False):
         column = column.combine_chunks()
-        first = found.get(name)
-        found[name] = (
+        first = columns.get(name)
+        columns[name] = (
             column if first is None else pc.if_else(pc.equal(pc.utf8_length(first), 0), column, first)
         )
-    return AndroidCells(found, table.num_rows, refused)
+    return AndroidCells(columns, table.num_rows, refused)
 
 
 def _table(texts: list[str], width: int) -> tuple[Any, int]:
@@ -216,8 +216,8 @@ def _table(texts: list[str], width: int) -> tuple[Any, int]:
     return table, len(refused)
 
 
-def refused_lines(kind: str, found: AndroidCells) -> list[Event]:
+def refused_lines(kind: str, table: AndroidCells) -> list[Event]:
     """Return the event of the lines that ``cells`` refused, none where there were none."""
-    if not found.refused:
+    if not table.refused:
         return []
-    return [Event(None, "bad_row", f"{found.refused} {kind} line(s) with a wrong number of cells refused")]
+    return [Event(None, "bad_row", f"{table.refused} {kind} line(s) with a wrong number of cells refused")]

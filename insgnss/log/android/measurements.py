@@ -55,7 +55,7 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
     clock = receiver_clock(raw)
     names, signals = _named(raw)
     clock, travel_ns, known = _travel_times(raw, clock, [name or "" for name in names])
-    identified = np.array([found is not None for found in signals], np.bool_)
+    identified = np.array([one is not None for one in signals], np.bool_)
     measured = _measured(raw)
     plausible = (travel_ns > SHORTEST_NS) & (travel_ns < LONGEST_NS)
     kept = clock.known & identified
@@ -148,9 +148,9 @@ def _named(raw: AndroidCells) -> tuple[list[str | None], list[AndroidSignal | No
 
 
 def _signal(name: str | None, carrier_hz: float, code_type: str) -> AndroidSignal | None:
-    found = None if name is None else signal(name[0], carrier_hz, code_type)
+    nominal = None if name is None else signal(name[0], carrier_hz, code_type)
     channel = None if name is None else channel_of_name(name)
-    return found if found is None or channel is None else on_channel(found, channel)
+    return nominal if nominal is None or channel is None else on_channel(nominal, channel)
 
 
 def _travel_times(
@@ -189,8 +189,8 @@ def _periods(raw: AndroidCells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bo
     )
     period = np.where(whole != 0, np.where(system == "R", NS_PER_DAY, NS_PER_WEEK), 0)
     for bit, systems, length in _PERIODS:
-        found = (period == 0) & (state & bit != 0) & np.isin(system, list(systems))
-        period[found] = length
+        applies = (period == 0) & (state & bit != 0) & np.isin(system, list(systems))
+        period[applies] = length
     period[(state & _LOCKED == 0) | (state & MSEC_AMBIGUOUS != 0)] = 0
     return period, (whole != 0) & (period > 0)
 
@@ -214,41 +214,41 @@ def _leap_seconds(raw: AndroidCells, clock: ReceiverClock) -> int:
 def _table(
     raw: AndroidCells,
     clock: ReceiverClock,
-    kept: npt.NDArray[np.intp],
+    rows: npt.NDArray[np.intp],
     chosen: list[tuple[str, AndroidSignal]],
     travel_ns: Float64,
     measured: Bool,
 ) -> GnssTable:
     sv_names = tuple(sorted({name for name, _ in chosen}))
-    codes = tuple(sorted({found.code for _, found in chosen}))
-    carrier_hz = np.array([found.carrier_hz for _, found in chosen], dtype=np.float64)
+    codes = tuple(sorted({one.code for _, one in chosen}))
+    carrier_hz = np.array([one.carrier_hz for _, one in chosen], dtype=np.float64)
     sv_index = {name: k for k, name in enumerate(sv_names)}
     code_index = {code: k for k, code in enumerate(codes)}
-    cycles, lli = _carrier(raw, clock, kept, carrier_hz)
-    rate = np.where(measured, _rates(raw), np.nan)[kept]
+    cycles, lli = _carrier(raw, clock, rows, carrier_hz)
+    rate = np.where(measured, _rates(raw), np.nan)[rows]
     # a wavelength that is not known, GLONASS without its channel, makes no Doppler
-    channel_missing = np.array([name[0] == "R" and found.channel is None for name, found in chosen], np.bool_)
+    channel_missing = np.array([name[0] == "R" and one.channel is None for name, one in chosen], np.bool_)
     with np.errstate(over="ignore"):
         doppler_hz = -rate * carrier_hz / C_MPS
     doppler_hz[np.isinf(doppler_hz)] = np.nan
     return GnssTable(
-        clock.t_ns[kept],
+        clock.t_ns[rows],
         np.array([sv_index[name] for name, _ in chosen], dtype=np.int16),
-        np.array([code_index[found.code] for _, found in chosen], dtype=np.int16),
-        travel_ns[kept] * (C_MPS / NS_PER_S),
+        np.array([code_index[one.code] for _, one in chosen], dtype=np.int16),
+        travel_ns[rows] * (C_MPS / NS_PER_S),
         np.where(channel_missing, np.nan, doppler_hz),
         np.where(channel_missing, rate, np.nan),
-        raw.decimals("Cn0DbHz")[kept],
+        raw.decimals("Cn0DbHz")[rows],
         sv_names,
         codes,
-        _satellite_states(raw, kept),
+        _satellite_states(raw, rows),
         carrier_cycles=cycles,
         lli=lli,
-        glonass_channels={name: found.channel for name, found in chosen if found.channel is not None},
+        glonass_channels={name: one.channel for name, one in chosen if one.channel is not None},
     )
 
 
-def _satellite_states(raw: AndroidCells, kept: npt.NDArray[np.intp]) -> Float64 | None:
+def _satellite_states(raw: AndroidCells, rows: npt.NDArray[np.intp]) -> Float64 | None:
     """Return (n, 8) positions, velocities, clocks and drifts that newer phones state, None where the file has none."""
     for ending in ("Ecef{}", "{}Ecef"):  # of the application, of tables made of its files
         axes = [ending.format(axis) for axis in "XYZ"]
@@ -256,22 +256,22 @@ def _satellite_states(raw: AndroidCells, kept: npt.NDArray[np.intp]) -> Float64 
         names += [f"SvVelocity{axis}MetersPerSecond" for axis in axes]
         names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond"]
         if all(map(raw.has, names)):
-            states = np.column_stack([raw.decimals(name)[kept] for name in names])
+            states = np.column_stack([raw.decimals(name)[rows] for name in names])
             return states if np.isfinite(states).all(axis=1).any() else None
     return None
 
 
 def _carrier(
-    raw: AndroidCells, clock: ReceiverClock, kept: npt.NDArray[np.intp], carrier_hz: Float64
+    raw: AndroidCells, clock: ReceiverClock, rows: npt.NDArray[np.intp], carrier_hz: Float64
 ) -> tuple[Float64 | None, Int8 | None]:
     """Return carrier phases [cycles] and loss-of-lock indicators; None when the log has none."""
-    state = raw.integers("AccumulatedDeltaRangeState")[0][kept]
-    metres = raw.decimals("AccumulatedDeltaRangeMeters")[kept]
+    state = raw.integers("AccumulatedDeltaRangeState")[0][rows]
+    metres = raw.decimals("AccumulatedDeltaRangeMeters")[rows]
     valid = (state & ADR_VALID != 0) & ~np.isnan(metres)
     if not valid.any():
         return None, None
     half = (state & ADR_HALF_CYCLE_REPORTED != 0) & (state & ADR_HALF_CYCLE_RESOLVED == 0)
-    epoch_after = np.isin(clock.t_ns[kept], [event.t_ns for event in clock.events if event.t_ns is not None])
+    epoch_after = np.isin(clock.t_ns[rows], [event.t_ns for event in clock.events if event.t_ns is not None])
     slipped = (state & (ADR_RESET | ADR_CYCLE_SLIP) != 0) | epoch_after
     lli = np.where(valid, slipped + 2 * half, 0).astype(np.int8)
     return np.where(valid, metres * carrier_hz / C_MPS, np.nan), lli

@@ -53,12 +53,12 @@ def read_android(path: Path) -> ReceiverLog:
     raw = cells(lines)
     gnss, receiver, events = measurements(raw)
     events += refused_lines("Raw", raw)
-    found = cells(kinds.get("Fix", AndroidLines()))
-    clock = PhoneClock(raw, receiver, found)
+    fix_cells = cells(kinds.get("Fix", AndroidLines()))
+    clock = PhoneClock(raw, receiver, fix_cells)
     imu, more_events = inertial(kinds, clock)
     if not len(gnss.t_ns) and imu is None:
-        told = [event for event in events + more_events if event.kind != "receiver_clock_discontinuity"]
-        why = "; ".join(event.detail for event in told)
+        reasons = [event for event in events + more_events if event.kind != "receiver_clock_discontinuity"]
+        why = "; ".join(event.detail for event in reasons)
         raise InputError(
             f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
             file=path,
@@ -73,7 +73,7 @@ def read_android(path: Path) -> ReceiverLog:
     if other:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
         more_events.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
-    more_events += refused_lines("Fix", found)
+    more_events += refused_lines("Fix", fix_cells)
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events]
     navigation = coefficients(raw)
-    return ReceiverLog(gnss, navigation, imu, named, fixes(found), imu_axes=_FLAT, further=tuple(samples))
+    return ReceiverLog(gnss, navigation, imu, named, fixes(fix_cells), imu_axes=_FLAT, further=tuple(samples))

@@ -74,14 +74,14 @@ class PhoneClock:
             detail = f"{without}: {int(usable.sum())} fixes date the inertial samples, to some milliseconds"
             self.doubt = Event(None, "imu_time_estimated", detail)
 
-    def times(self, found: AndroidCells) -> tuple[Int64, Bool]:
+    def times(self, table: AndroidCells) -> tuple[Int64, Bool]:
         """Return the GPS time of each sample [ns] and where it is known."""
-        elapsed, ticks = found.integers("elapsedRealtimeNanos")
+        elapsed, ticks = table.integers("elapsedRealtimeNanos")
         if self._line is not None:
             elapsed_0, gps_0, rate = self._line
             since = elapsed - elapsed_0
             return gps_0 + since + np.rint(since * rate).astype(np.int64), ticks
-        utc_ns, given = found.gps_times("utcTimeMillis")
+        utc_ns, given = table.gps_times("utcTimeMillis")
         ticks &= elapsed > 0
         if not (given & ticks).any():
             return utc_ns, given
@@ -100,12 +100,12 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
     samples = []
     for choices in (_ANGULAR_RATE, _ACCELERATION):
         kind, axes = next((c for c in choices if c[0] in kinds and kinds[c[0]].texts), choices[0])
-        found = cells(kinds.get(kind, AndroidLines()))
-        events += refused_lines(kind, found)
-        t_ns, timed = clock.times(found)
-        values = _vectors(found, axes)
+        table = cells(kinds.get(kind, AndroidLines()))
+        events += refused_lines(kind, table)
+        t_ns, timed = clock.times(table)
+        values = _vectors(table, axes)
         if kind == "UncalGyro":
-            values, drift_events = _without_drift(found, values)
+            values, drift_events = _without_drift(table, values)
             events += drift_events
         if not timed.all():
             detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
@@ -115,9 +115,9 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
     return imu, events + more_events
 
 
-def _without_drift(found: AndroidCells, rates: Float64) -> tuple[Float64, list[Event]]:
+def _without_drift(table: AndroidCells, rates: Float64) -> tuple[Float64, list[Event]]:
     """Return the rates (n, 3) without the phone's own estimate of their drift [rad/s], and an event of it."""
-    stated = _vectors(found, _DRIFT)
+    stated = _vectors(table, _DRIFT)
     stated = stated[np.isfinite(stated).all(axis=1)]
     drift = np.median(stated, axis=0) if len(stated) else np.zeros(3)
     if not 0.0 < np.abs(drift).max() < LARGEST_BIAS_RADPS:
@@ -141,10 +141,10 @@ def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[Fur
     tables: list[FurtherSamples] = []
     events: list[Event] = []
     for of, kind, columns in chosen:
-        found = cells(kinds[kind])
-        events += refused_lines(kind, found)
-        t_ns, timed = clock.times(found)
-        samples, more_events = further_samples(of, kind, t_ns, _vectors(found, columns), timed)
+        table = cells(kinds[kind])
+        events += refused_lines(kind, table)
+        t_ns, timed = clock.times(table)
+        samples, more_events = further_samples(of, kind, t_ns, _vectors(table, columns), timed)
         tables += samples
         events += more_events
     return tables, events
@@ -155,11 +155,11 @@ def _has(kinds: dict[str, AndroidLines], kind: str, columns: tuple[str, ...]) ->
     return bool(lines.texts) and set(map(str.lower, columns)) <= set(map(str.lower, lines.columns))
 
 
-def _vectors(found: AndroidCells, columns: tuple[str, ...]) -> Float64:
+def _vectors(table: AndroidCells, columns: tuple[str, ...]) -> Float64:
     """Return (n, k) numbers, without a row where the file has no such lines."""
-    if not found.n:
+    if not table.n:
         return np.zeros((0, len(columns)))
-    return np.stack([found.decimals(name) for name in columns], axis=1)
+    return np.stack([table.decimals(name) for name in columns], axis=1)
 
 
 def _times_of_fixes(fixes: AndroidCells) -> tuple[Int64, Int64, Bool]:

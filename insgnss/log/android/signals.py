@@ -111,8 +111,8 @@ def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | No
     return AndroidSignal(f"C{band.band}{letter}", carrier, channel)
 
 
-def on_channel(found: AndroidSignal, channel: int) -> AndroidSignal:
+def on_channel(nominal: AndroidSignal, channel: int) -> AndroidSignal:
     """Return a GLONASS signal whose channel is known from elsewhere."""
-    band = found.code[1]
+    band = nominal.code[1]
     carrier_hz = {"1": G1_HZ, "2": G2_HZ}[band] + _STEPS_HZ[band] * channel
-    return AndroidSignal(found.code, carrier_hz, channel)
+    return AndroidSignal(nominal.code, carrier_hz, channel)

@@ -24,49 +24,51 @@ MOST_OPEN: Final = 3  # columns that the motion may leave open while it bears th
 SHOWN: Final = 4  # readings
 
 
-def axes_findings(declared: AxesDeclaration, found: list[VehicleAxes], match: Match) -> list[Finding]:
+def axes_findings(declared: AxesDeclaration, readings: list[VehicleAxes], match: Match) -> list[Finding]:
     """Return the finding on the axes.
 
     Parameters
     ----------
     declared : what the flight file says
-    found : readings, the most credible first
+    readings : the most credible first
     match : the search they come from
     """
-    best, near = found[0], _near(found)
+    best, near = readings[0], _near(readings)
     labels = [_told(axes) for axes in (best, *near)]
-    beyond = min(match.gap, min((axes.cost for axes in found if _told(axes) not in labels), default=np.inf))
+    beyond = min(
+        match.gap, min((axes.cost for axes in readings if _told(axes) not in labels), default=np.inf)
+    )
     shown = _directions(best, beyond - best.cost)
     if best.rank == 0:
         return [_fitting(best, near, shown)]
-    if not decided(found):
+    if not decided(readings):
         return [_undecided([best, *near])]
     return [_other_axes(declared, best, near, beyond - best.cost)]
 
 
-def decided(found: list[VehicleAxes]) -> bool:
+def decided(readings: list[VehicleAxes]) -> bool:
     """Return whether one reading leads, by the log or by being the simplest: the lever arm is asked with it."""
-    best = found[0]
-    return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(found))
+    best = readings[0]
+    return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(readings))
 
 
-def gyros_known(found: list[VehicleAxes]) -> bool:
+def gyros_known(readings: list[VehicleAxes]) -> bool:
     """Return whether one reading leads in how gyros and accelerometers go together: the time is asked with it.
 
     Which of the axes is forward may be left open.
     """
-    best = found[0].hypothesis
-    near = [axes.hypothesis for axes in _near(found)]
+    best = readings[0].hypothesis
+    near = [axes.hypothesis for axes in _near(readings)]
     alike = all(one.handed == best.handed and is_map(one, best.gyro_map, best.factor) for one in near)
-    return alike or decided(found)
+    return alike or decided(readings)
 
 
-def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
+def _near(readings: list[VehicleAxes]) -> list[VehicleAxes]:
     """Return the readings that are indistinguishable from the first."""
-    best = found[0]
-    level = best.cost if best.rank == 0 else min(axes.cost for axes in found)
+    best = readings[0]
+    level = best.cost if best.rank == 0 else min(axes.cost for axes in readings)
     apart = EQUAL if best.rank == 0 else SURE
-    return [axes for axes in found[1:] if axes.cost - level < apart and _told(axes) != _told(best)]
+    return [axes for axes in readings[1:] if axes.cost - level < apart and _told(axes) != _told(best)]
 
 
 def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
@@ -86,12 +88,12 @@ def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
 
 def _open_columns(best: VehicleAxes, near: list[VehicleAxes]) -> list[str]:
     """Return the sensor columns that other readings take otherwise."""
-    found = set()
+    columns = set()
     for axes in near:
         for kind, ours, theirs in (("accel", best.accel, axes.accel), ("gyro", best.gyro, axes.gyro)):
             rows = np.flatnonzero((ours != theirs).any(axis=1))
-            found |= {f"{kind} {names(ours)[row][1]}" for row in rows}
-    return sorted(found)
+            columns |= {f"{kind} {names(ours)[row][1]}" for row in rows}
+    return sorted(columns)
 
 
 def _undecided(readings: list[VehicleAxes]) -> Finding:

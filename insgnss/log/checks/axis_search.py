@@ -79,15 +79,15 @@ class Match(NamedTuple):
         return [one for one in self.readings if one.cost < EQUAL]
 
 
-def in_motion(found: list[GnssStretch]) -> list[GnssStretch]:
+def in_motion(stretches: list[GnssStretch]) -> list[GnssStretch]:
     """Return the stretches whose motion stands out of the noise."""
-    return [stretch for stretch in found if stretch.motion > MIN_MOTION]
+    return [stretch for stretch in stretches if stretch.motion > MIN_MOTION]
 
 
 def search(
     imu: ImuTable,
     origin_ns: int,
-    found: list[GnssStretch],
+    stretches: list[GnssStretch],
     declared: Float64,
     factors: tuple[float, ...],
     base_s: float = 0.0,
@@ -97,12 +97,12 @@ def search(
     Parameters
     ----------
     imu : in sensor axes by the declared units
-    found : stretches of the track
+    stretches : of the track
     declared : (3, 3) the declared map of the gyros against the accelerometers
     factors : on the gyros' unit, 1 first
     base_s : added to the inertial tags beforehand
     """
-    moving = in_motion(found)
+    moving = in_motion(stretches)
     if not moving:
         return None
     maps = np.concatenate([factor * signed_permutations() for factor in factors])
@@ -125,14 +125,14 @@ def with_noses(ranked: list[Hypothesis]) -> list[Hypothesis]:
     pairs = [(one, nose) for one in ranked for nose in one.noses]
     left = [(one.cost + nose.cost, nose) for one, nose in pairs if one.cost - least < SURE]
     if not left or not min(left, key=lambda pair: pair[0])[1].steady:
-        found = [one._replace(fit=one.cost - least) for one in ranked]
+        hypotheses = [one._replace(fit=one.cost - least) for one in ranked]
     else:
-        found = [
+        hypotheses = [
             one._replace(cost=one.cost + nose.cost, along_s=nose.along_s, fit=one.cost - least)
             for one, nose in pairs
         ]
-    best = min((one.cost for one in found), default=0.0)
-    return sorted((one._replace(cost=one.cost - best) for one in found), key=lambda one: one.cost)
+    best = min((one.cost for one in hypotheses), default=0.0)
+    return sorted((one._replace(cost=one.cost - best) for one in hypotheses), key=lambda one: one.cost)
 
 
 def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:

@@ -164,8 +164,10 @@ def _read_messages(
     """Return the messages of the navigation files and of the receiver's own log, None without any."""
     own = None if receiver is None else receiver.navigation
     stated = receiver is not None and receiver.gnss.sat is not None
-    found = _attempt(findings, "navigation", lambda: with_files(own, flight.config.gnss.navigation, stated))
-    return own if found is None else found
+    navigation = _attempt(
+        findings, "navigation", lambda: with_files(own, flight.config.gnss.navigation, stated)
+    )
+    return own if navigation is None else navigation
 
 
 def _channels(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> dict[str, int]:

@@ -41,12 +41,12 @@ def fixes_track(logs: Iterable[SensorLogRead]) -> FixesTrack | None:
     if positions is None:
         return None
     config, table = positions
-    found = np.isfinite(table.values).all(axis=1)
-    t_ns, n = table.t_ns[found], int(found.sum())
+    finite = np.isfinite(table.values).all(axis=1)
+    t_ns, n = table.t_ns[finite], int(finite.sum())
     if n < 3:
         return None
     r_e = np.zeros((n, 3))
-    for at, (lat, lon, h) in zip(r_e, table.values[found], strict=True):
+    for at, (lat, lon, h) in zip(r_e, table.values[finite], strict=True):
         geodetic_to_ecef(lat, lon, h, at)
     t_s = (t_ns - t_ns[0]) / NS_PER_S
     velocities = next(((config, table) for config, table in read if isinstance(config, VelocitySensor)), None)

@@ -73,7 +73,7 @@ def _satellite_findings(gnss: GnssTable, starts: Int64, config: FlightConfig) ->
         systems.setdefault(f"{gnss.sv_names[index][0]} {gnss.signal_names[code]}", set()).add(
             gnss.sv_names[index]
         )
-    listed = ", ".join(f"{name} ({len(found)})" for name, found in sorted(systems.items()))
+    listed = ", ".join(f"{name} ({len(satellites)})" for name, satellites in sorted(systems.items()))
     findings.append(Finding("ok", "gnss", f"signals (satellites): {listed}"))
     text = f"satellites with a pseudorange per epoch: {count.min()} to {count.max()}, median {np.median(count):.0f}"
     few = int(np.count_nonzero(count < MIN_SATELLITES))

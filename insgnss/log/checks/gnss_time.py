@@ -59,16 +59,16 @@ def gnss_time_findings(
     sample = _sample(gnss, enough)
     if solved_share(solve, sample, tested=False) >= AGREEING:
         return []
-    found = _fitting(solve, sample, navigation)
+    shifts = _fitting(solve, sample, navigation)
     sure = "sure: no other shift does"
-    if len(found) > 1 and imu is not None:
+    if len(shifts) > 1 and imu is not None:
         leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
-        found = [shift for shift in found if _overlaps(gnss, imu, shift.seconds(leap))]
+        shifts = [shift for shift in shifts if _overlaps(gnss, imu, shift.seconds(leap))]
         sure = "likely: of several shifts the one that makes the logs overlap"
-    if len(found) == 1:
-        return [_finding(flight, found[0], gnss, sure)]
+    if len(shifts) == 1:
+        return [_finding(flight, shifts[0], gnss, sure)]
     text = "no position fits the pseudoranges with the time tags as logged"
-    alternatives = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
+    alternatives = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not shifts else ""
     if float(np.median(count[enough])) < PLENTY:
         return [
             Finding(
@@ -116,9 +116,9 @@ def _fitting(solve: Solve, sample: GnssTable, navigation: NavigationData) -> lis
         [_Shift(weeks, h, leaps) for h in hours for leaps in (1, -1)],
     ]
     for group in groups:
-        found = [shift for shift in group if _agrees(solve, sample, shift.seconds(leap))]
-        if found:
-            return found
+        shifts = [shift for shift in group if _agrees(solve, sample, shift.seconds(leap))]
+        if shifts:
+            return shifts
     return []
 
 

@@ -246,10 +246,10 @@ def _noise_findings(windows: ImuWindows, resting: Bool, grade: ImuGrade) -> list
     ):
         steps = np.abs(np.diff(means, axis=0)[both])
         deviation = SIGMA_PER_MEDIAN * float(np.median(steps, axis=0).max()) / np.sqrt(2.0)
-        found = 60.0 * deviation * np.sqrt(windows.length_s)  # an hour is the square of 60 s
+        noise = 60.0 * deviation * np.sqrt(windows.length_s)  # an hour is the square of 60 s
         stated = float(getattr(grade, key))
-        if found > NOISY * stated:
-            text = f"at rest the {sensor} have a noise of {found:.2g} {unit}, the grade {stated:.2g}"
+        if noise > NOISY * stated:
+            text = f"at rest the {sensor} have a noise of {noise:.2g} {unit}, the grade {stated:.2g}"
             advice = f"a vibrating mount or another sensor: choose a grade that allows for it, or {key} in [imu.grade]"
             findings.append(Finding("warning", "imu", text, advice))
     return findings

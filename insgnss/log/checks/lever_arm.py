@@ -34,13 +34,13 @@ def lever_arm_findings(
     refined : estimates in sensor axes
     accel : (3, 3) the right map of the sensor axes to the body's
     """
-    found = accel @ refined.x[LEVER]
+    lever_b = accel @ refined.x[LEVER]
     P = accel @ refined.P[LEVER, LEVER] @ accel.T
     sd = np.sqrt(np.diag(P))
-    shown = "(" + ", ".join(f"{v:+.2f} +- {s:.2f}" for v, s in zip(found, sd, strict=True)) + ") m"
+    shown = "(" + ", ".join(f"{v:+.2f} +- {s:.2f}" for v, s in zip(lever_b, sd, strict=True)) + ") m"
     given = flight.config.gnss.lever_b
     if given is not None:
-        off = found - np.array(given)
+        off = lever_b - np.array(given)
         doubt = float(np.sqrt(off @ np.linalg.solve(P, off)))
         if doubt < SIGNIFICANT_SIGMAS or float(np.linalg.norm(off[sd < 2.0 * FAR_M])) < FAR_M:
             return [
@@ -58,8 +58,8 @@ def lever_arm_findings(
     effect = f"each metre of it moves the antenna by up to {most:.2f} m/s (rms {rms:.2f}) in this log"
     text = f"lever arm estimated from the turns {shown} forward, right, down; {effect}"
     known = bool((sd < KNOWN_SD_M).all())
-    if known and float(np.linalg.norm(found)) > SIGNIFICANT_SIGMAS * float(sd.max()):
-        value = (round(float(found[0]), 2), round(float(found[1]), 2), round(float(found[2]), 2))
+    if known and float(np.linalg.norm(lever_b)) > SIGNIFICANT_SIGMAS * float(sd.max()):
+        value = (round(float(lever_b[0]), 2), round(float(lever_b[1]), 2), round(float(lever_b[2]), 2))
         proposal = Proposal("gnss.lever_arm_m", value, "estimated from the turns; a measured one is better")
         return [Finding("warning", "motion", text, "a measured lever arm is better", "likely", (proposal,))]
     if most < FELT_MPS:

@@ -82,7 +82,7 @@ class _Moments(NamedTuple):
         """Return the Q that serves both best, begun from either, and its cost."""
         rows = self.ds.size
         free = best_rotation(self.ds, self.du, self.handed)
-        found = [(self.cost(free, a), free)]
+        candidates = [(self.cost(free, a), free)]
         off = 0.0
         squares = self.velocity_squares(free)
         M_v, M_a = self.ds.T @ self.du, self.turned @ a
@@ -91,8 +91,8 @@ class _Moments(NamedTuple):
             w_a = self.once / (off / max(2.0 * self.fast, 1.0) + DIRECTION_SD**2)
             Q = nearest_rotation(w_v * M_v + w_a * M_a, self.handed)
             squares, off = self.velocity_squares(Q), self.direction_squares(Q, a)
-            found.append((self.cost(Q, a), Q))
-        cost, Q = min(found, key=lambda one: one[0])
+            candidates.append((self.cost(Q, a), Q))
+        cost, Q = min(candidates, key=lambda one: one[0])
         return Q, cost
 
 
@@ -121,13 +121,13 @@ def noses(
     ]
     base = sum(part.each * part.ds.size * np.log(_least(part) / part.ds.size + part.floor) for part in parts)
     level = AXES[np.abs(AXES @ down_s) < LEVEL]
-    found: list[Nose] = []
+    distinct: list[Nose] = []
     for nose in sorted((_settled(parts, a, base) for a in level), key=lambda one: one.cost):
         a = nose.along_s / max(float(np.linalg.norm(nose.along_s)), 1e-9)
-        others = [other.along_s / max(float(np.linalg.norm(other.along_s)), 1e-9) for other in found]
+        others = [other.along_s / max(float(np.linalg.norm(other.along_s)), 1e-9) for other in distinct]
         if all(float(a @ other) < APART for other in others):
-            found.append(nose)
-    return found
+            distinct.append(nose)
+    return distinct
 
 
 def least_speed(chosen: list[GnssStretch]) -> float:

@@ -44,16 +44,16 @@ def motion_findings(
     match = _weighed(match, flight, declared, track, base_s + match.shift_s)
     if match.contrast < SURE:
         return [_unexplained(match)]
-    found = candidates(match.readings, declared.accel, declared.gyro)
-    best = found[0]
+    readings = candidates(match.readings, declared.accel, declared.gyro)
+    best = readings[0]
     unit = _unit_findings(declared, best, match)
-    axes = axes_findings(declared, found, match)
-    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if gyros_known(found) else None
+    axes = axes_findings(declared, readings, match)
+    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if gyros_known(readings) else None
     if timing is None:
         return [*unit, *axes]
     known = timing._replace(sd_s=float(np.hypot(timing.sd_s, track.sd_time_s)))
     times = offset_findings(flight, known, match.contrast, track.origin_ns)
-    if not decided(found):
+    if not decided(readings):
         return [*unit, *axes, *times]
     free = np.zeros(3)
     refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
@@ -64,9 +64,9 @@ def motion_findings(
 
 def match_of(flight: Flight, declared: AxesDeclaration, track: GnssTrack, base_s: float) -> Match | None:
     """Return the best hypotheses of axes, unit and time, None without motion in common."""
-    found = _common(flight, declared, track, base_s, 0.35)
+    gnss_stretches = _common(flight, declared, track, base_s, 0.35)
     declared_map = relative(declared.accel, declared.gyro)
-    return search(declared.imu, track.origin_ns, found, declared_map, declared.factors, base_s)
+    return search(declared.imu, track.origin_ns, gnss_stretches, declared_map, declared.factors, base_s)
 
 
 def _common(
@@ -111,16 +111,16 @@ def _timing(
     given = flight.config.gnss.lever_b
     lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
     lever_sd = USUAL_LEVER_M if given is None else GIVEN_M
-    found = []
+    timings = []
     for begin in (-0.25, 0.0, 0.25):
         begin_s = base_s + shift_s + begin
         refined = _refined(flight, declared, track, best.hypothesis, begin_s, lever_s, lever_sd)
         if refined is not None:
             offset = begin_s + float(refined.x[TAU])
-            found.append(Timing(offset, float(refined.sd[TAU]), refined.cost, np.inf))
-    if not found:
+            timings.append(Timing(offset, float(refined.sd[TAU]), refined.cost, np.inf))
+    if not timings:
         return None
-    timing = min(found, key=lambda one: one.cost)
+    timing = min(timings, key=lambda one: one.cost)
     if shift_s != 0.0 or base_s != 0.0:
         return timing
     still = _refined(flight, declared, track, best.hypothesis, 0.0, lever_s, lever_sd, 1e-6)

@@ -35,13 +35,13 @@ class Path(NamedTuple):
 
 def signed_permutations() -> Float64:
     """Return all 48 matrices that exchange axes and change signs, (48, 3, 3), the unit matrix first."""
-    found = []
+    matrices = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             matrix = np.zeros((3, 3))
             matrix[range(3), order] = signs
-            found.append(matrix)
-    return np.array(found)
+            matrices.append(matrix)
+    return np.array(matrices)
 
 
 def integrate(grid: InertialGrid, gyro_maps: Float64) -> Path:

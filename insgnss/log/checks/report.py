@@ -77,8 +77,8 @@ class CheckReport:
     @property
     def severity(self) -> Severity:
         """The worst severity among the findings."""
-        found = {finding.severity for finding in self.findings}
-        return "error" if "error" in found else "warning" if "warning" in found else "ok"
+        severities = {finding.severity for finding in self.findings}
+        return "error" if "error" in severities else "warning" if "warning" in severities else "ok"
 
     def of(self, severity: Severity) -> tuple[Finding, ...]:
         """Return the findings of one severity."""
@@ -87,9 +87,9 @@ class CheckReport:
     @property
     def proposals(self) -> tuple[Proposal, ...]:
         """All proposals, each key once: the first stands."""
-        found = {p.key: p for finding in reversed(self.findings) for p in finding.proposals}
+        by_key = {p.key: p for finding in reversed(self.findings) for p in finding.proposals}
         order = dict.fromkeys(p.key for finding in self.findings for p in finding.proposals)
-        return tuple(found[key] for key in order)
+        return tuple(by_key[key] for key in order)
 
     @property
     def sure_proposals(self) -> tuple[Proposal, ...]:

@@ -86,8 +86,8 @@ def _read(config: Sensor, week: int, shared: FileColumns) -> SensorLogRead:
     except InsGnssError as error:
         text = f"{error.place()}: {error.message}" if error.place() else error.message
         return SensorLogRead(config, None, [Finding("error", config.label, text, error.advice)])
-    found = from_events(config.label, events, _NOTICES)
-    return SensorLogRead(config, table, [*found, _rate(config, table)])
+    findings = from_events(config.label, events, _NOTICES)
+    return SensorLogRead(config, table, [*findings, _rate(config, table)])
 
 
 def sensor_findings(
@@ -229,8 +229,8 @@ def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     good = np.isfinite(common.values[:, 2])
     if not good.any():
         return []
-    kept = _part(common, good)
-    return _heading_against_course(config, kept, kept.values[:, 2], "give it by mounting_rpy_deg")
+    track = _part(common, good)
+    return _heading_against_course(config, track, track.values[:, 2], "give it by mounting_rpy_deg")
 
 
 def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -250,9 +250,9 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     if not _LEAST_FIELD_UT < total < _MOST_FIELD_UT:
         remarks.append("the Earth's field is 22 to 67 uT: check its unit and calibration")
     if straight.sum() >= _LEAST_POINTS:
-        kept, level_m = _part(common, straight), m[straight]
+        level_track, level_m = _part(common, straight), m[straight]
         heading = np.arctan2(-level_m[:, 1], level_m[:, 0]) + np.radians(config.declination_deg)
-        findings = _heading_against_course(config, kept, heading, "check axes and declination_deg")
+        findings = _heading_against_course(config, level_track, heading, "check axes and declination_deg")
         level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))
         text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; {total:.1f} uT in all"
         if not 0.5 < level / config.horizontal_ut < 2.0:

@@ -64,13 +64,13 @@ def stretches(track: GnssTrack, length_s: float, spans_s: list[tuple[float, floa
         return []
     pulls = _pulls(track.r_e[keep], v)
     limit = max(GNSS_GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
-    found = []
+    parts = []
     for from_s, until_s in spans_s:
         first, last = np.searchsorted(t, (from_s, until_s))
         edges = [first, *(first + 1 + np.flatnonzero(np.diff(t[first:last]) > limit)), last]
         for a, b in _cuts(t, edges, length_s):
-            found.append(_stretch(t[a:b], v[a:b], sd[a:b], pulls[a:b]))
-    return sorted(found, key=lambda stretch: -stretch.motion)
+            parts.append(_stretch(t[a:b], v[a:b], sd[a:b], pulls[a:b]))
+    return sorted(parts, key=lambda stretch: -stretch.motion)
 
 
 def _cuts(t_s: Float64, edges: list[int], length_s: float) -> Iterator[tuple[int, int]]:

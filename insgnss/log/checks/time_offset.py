@@ -52,8 +52,8 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     if sd_s > MOST_SIGMA_S or timing.gain < EQUAL:
         advice = f"suspected imu.time.offset_s = {offset_s:+.2f}; more turns, runs and stops decide"
         return [Finding("warning", "motion", text, advice, f"sigma {sd_s:.2f} s")]
-    kept = rest if significant else 0.0
-    proposals = time_proposals(flight.config, weeks, hours, leaps * leap, kept)
+    remaining_s = rest if significant else 0.0
+    proposals = time_proposals(flight.config, weeks, hours, leaps * leap, remaining_s)
     sure = f"sure: sigma {sd_s:.3f} s, log likelihood {contrast / 2.0:.0f} above other shifts"
     return [Finding("error", "motion", text, "", sure, proposals)]
 

@@ -55,7 +55,7 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     the log does not contradict stay. Stranger declarations need more evidence: in a coordinated flight the
     accelerometers see no side force, and only the prior separates a reversed axis from a right one.
     """
-    found: dict[tuple[tuple[str, ...], tuple[str, ...], float], VehicleAxes] = {}
+    by_declaration: dict[tuple[tuple[str, ...], tuple[str, ...], float], VehicleAxes] = {}
     for one in sorted(ranked, key=lambda one: one.cost):
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
@@ -69,8 +69,8 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
             bool(np.array_equal(gyro, gyro_0)),
             _rank(accel, gyro, accel_0, gyro_0),
         )
-        found.setdefault((names(accel), names(gyro), one.factor), axes)
-    return sorted(found.values(), key=credibility)
+        by_declaration.setdefault((names(accel), names(gyro), one.factor), axes)
+    return sorted(by_declaration.values(), key=credibility)
 
 
 def credibility(axes: VehicleAxes) -> float:
@@ -105,8 +105,8 @@ def _accel(one: Hypothesis, accel_0: Float64) -> Float64:
     allowed = [A for A in signed_permutations() if np.rint(np.linalg.det(A)) == one.handed]
     score = np.round([float(A[0] @ one.along_s + A[2] @ one.down_s) for A in allowed], 3)
     # of equals the one that changes least: where the motion has no direction, gravity alone decides
-    kept = np.array([float(np.sum(accel_0 == A)) for A in allowed])
-    best: Float64 = allowed[int(np.lexsort((kept, score))[-1])]
+    unchanged = np.array([float(np.sum(accel_0 == A)) for A in allowed])
+    best: Float64 = allowed[int(np.lexsort((unchanged, score))[-1])]
     return best
 
 
