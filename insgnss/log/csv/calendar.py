@@ -94,8 +94,8 @@ class Calendar:
 
     def text_to_gps(self, cells: pa.Array) -> tuple[Int64, Bool]:
         """Return the same of cells that hold both date and time."""
-        found = _iso_8601(cells) if self.order == "ymd" else None
-        unix_ns, leap, readable = _any_form(cells, self.form) if found is None else found
+        parsed = _iso_8601(cells) if self.order == "ymd" else None
+        unix_ns, leap, readable = _any_form(cells, self.form) if parsed is None else parsed
         unix_s = unix_ns // NS_PER_S
         readable &= unix_s >= 0
         shift_s = leap.astype(np.int64) - UNIX_TO_GPS_S
@@ -177,8 +177,8 @@ def _any_form(cells: pa.Array, form: DateForm) -> tuple[Int64, Bool, Bool]:
     before, mark, fraction, after = (pc.fill_null(part, "") for part in parts.flatten())
     around = _join([before, mark, after], "").dictionary_encode()
     moments = [_moment(text, form) for text in around.dictionary.to_pylist()]
-    found = np.array(moments or [_UNREADABLE], np.int64)[around.indices.to_numpy(zero_copy_only=False)]
-    return found[:, 0] * NS_PER_S + _nanoseconds(fraction), found[:, 1] == 1, found[:, 2] == 1
+    values = np.array(moments or [_UNREADABLE], np.int64)[around.indices.to_numpy(zero_copy_only=False)]
+    return values[:, 0] * NS_PER_S + _nanoseconds(fraction), values[:, 1] == 1, values[:, 2] == 1
 
 
 def _moment(text: str, form: DateForm) -> _Moment:
@@ -218,8 +218,8 @@ def _moment(text: str, form: DateForm) -> _Moment:
 
 def _nanoseconds(fraction: pa.Array) -> Int64:
     """Return digits behind the decimal mark as nanoseconds, rounded half to even."""
-    kept = pc.ascii_rpad(pc.utf8_slice_codeunits(fraction, 0, 9), 9, "0")
-    ns = kept.cast(pa.int64()).to_numpy(zero_copy_only=False)
+    digits = pc.ascii_rpad(pc.utf8_slice_codeunits(fraction, 0, 9), 9, "0")
+    ns = digits.cast(pa.int64()).to_numpy(zero_copy_only=False)
     rest = pc.ascii_rtrim(pc.utf8_slice_codeunits(fraction, 9), "0")
     above, half = (compare(rest, "5").to_numpy(zero_copy_only=False) for compare in (pc.greater, pc.equal))
     return np.asarray(ns + (above | (half & (ns % 2 == 1))))

@@ -45,8 +45,8 @@ def number_advice(cell: str, decimal: str) -> str:
 def date_advice(cell: str, calendar: Calendar) -> str:
     """Return the advice for a column of dates and times, or two joined by T, that holds cells like this one."""
     if orders := _dates_by_order(cell, calendar):
-        found = ", ".join(f"'{order}' if this is {date}" for order, date in orders.items())
-        return f"write time.date_order under {_TABLES}: {found}"
+        meanings = ", ".join(f"'{order}' if this is {date}" for order, date in orders.items())
+        return f"write time.date_order under {_TABLES}: {meanings}"
     for digits, unit in ((9, "s"), (6, "ms")):
         if calendar.day_digits is None and _dates_by_order(cell, replace(calendar, day_digits=digits)):
             return f"for a count since midnight write time.unit = '{unit}' under {_TABLES} (s, ms, us or ns)"
@@ -79,7 +79,7 @@ def date_advice(cell: str, calendar: Calendar) -> str:
 
 def _dates_by_order(cell: str, calendar: Calendar) -> dict[str, str]:
     """Return what a cell means in each order of year, month and day that reads it."""
-    found = {}
+    dates = {}
     parts = (
         cell.rsplit("T", 1) if calendar.date_columns else [cell.rpartition("T")[2] if calendar.date else cell]
     )
@@ -88,8 +88,8 @@ def _dates_by_order(cell: str, calendar: Calendar) -> dict[str, str]:
         declared = replace(in_one, order=order, is_order_declared=True)
         t_ns, readable = declared.to_gps([pa.array([part]) for part in parts])
         if readable[0]:
-            found[str(order)] = f"{ns_to_datetime(int(t_ns[0])):%Y-%m-%d}"
-    return found
+            dates[str(order)] = f"{ns_to_datetime(int(t_ns[0])):%Y-%m-%d}"
+    return dates
 
 
 def _is_date_alone(cell: str) -> bool:

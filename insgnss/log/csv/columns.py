@@ -120,8 +120,8 @@ def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict
                 column=name,
                 advice="rename one of them in the file, or give the columns by number: time = 1",
             )
-    found = {name: dialect.place(name) for name in wanted.all}
-    return {name: place for name, place in found.items() if place is not None}
+    places = {name: dialect.place(name) for name in wanted.all}
+    return {name: place for name, place in places.items() if place is not None}
 
 
 def unread_columns(dialect: Dialect, places: Mapping[str, int], wanted: ColumnSelection) -> list[str]:

@@ -72,8 +72,8 @@ def with_numbers(text: str, form: DateForm) -> tuple[str, str]:
     text = _COMPACT_TIME.sub(r"\1:\2:\3", text)
     for expression, date in _FORMS:
         if match := expression.match(text):
-            found = date(match, form)
-            return (text, form.order) if found is None else (f"{found[0]}T{_rest(text, match)}", found[1])
+            parsed = date(match, form)
+            return (text, form.order) if parsed is None else (f"{parsed[0]}T{_rest(text, match)}", parsed[1])
     return text, form.order
 
 

@@ -294,8 +294,8 @@ def _split_lines(data: bytes, dialect: Dialect, cut: bool) -> tuple[pa.Array, In
         _Complaint(int(numbers[i]), "", f"{count[i]} cells where line {dialect.header_line} has {expected}")
         for i in np.flatnonzero(~fits)
     ]
-    kept = np.flatnonzero(fits)
-    return rows.take(pa.array(kept)), numbers[kept], refused
+    fitting = np.flatnonzero(fits)
+    return rows.take(pa.array(fitting)), numbers[fitting], refused
 
 
 def _cells(lines: pa.Array, delimiter: str) -> pa.Array:

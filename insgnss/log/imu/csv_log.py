@@ -41,8 +41,8 @@ class _RawColumns:
     gyro: list[Float64]
     accel: list[Float64]
 
-    def take(self, kept: Int64) -> _RawColumns:
-        return _RawColumns(self.t_ns[kept], [c[kept] for c in self.gyro], [c[kept] for c in self.accel])
+    def take(self, rows: Int64) -> _RawColumns:
+        return _RawColumns(self.t_ns[rows], [c[rows] for c in self.gyro], [c[rows] for c in self.accel])
 
 
 def read_imu(
@@ -97,9 +97,9 @@ def _increasing(
     names = config.columns
     if config.accel_files:
         gyro, events = _read_files(config, config.files, (names.gyro, ()), week, shared)
-        accel, found = _read_files(config, config.accel_files, ((), names.accel), week, shared)
+        accel, accel_events = _read_files(config, config.accel_files, ((), names.accel), week, shared)
         raw, more_events = _at_the_gyros_times(gyro, accel, week, file)
-        events += found + more_events
+        events += accel_events + more_events
     else:
         raw, events = _read_files(config, config.files, (names.gyro, names.accel), week, shared)
     if len(raw.t_ns) < 2:
@@ -132,8 +132,8 @@ def _at_the_gyros_times(
 
 
 def _in_order(raw: _RawColumns, file: str) -> tuple[_RawColumns, list[Event]]:
-    kept, refused = increasing_samples(raw.t_ns, file)
-    return (raw if kept is None else raw.take(kept)), refused
+    rows, refused = increasing_samples(raw.t_ns, file)
+    return (raw if rows is None else raw.take(rows)), refused
 
 
 def _axes(
@@ -173,9 +173,9 @@ def _read_files(
     parts: list[_RawColumns] = []
     for path in files:
         previous = int(parts[-1].t_ns[-1]) if parts else None
-        part, found = _read_file(config, path, names, (week, previous), shared.get(path, ()))
+        part, more_events = _read_file(config, path, names, (week, previous), shared.get(path, ()))
         parts.append(part)
-        events += found
+        events += more_events
     if len(parts) == 1:
         return parts[0], events
     raw, refused = _in_order(

@@ -102,7 +102,7 @@ def _told(
     outside = ~_long(t_ns, same)
     steps = [_change_steps(sensor, outside) for sensor in own]
     coarse = _short_runs(same, outside) > COARSE_SHARE
-    kept = [
+    frozen = [
         (a, b)
         for a, b in runs
         if any(fine for _, fine in steps)
@@ -110,7 +110,7 @@ def _told(
         or (not coarse and other is not None and _moves(t_ns, other, a, b))
         or (other is None and not outside.any())
     ]
-    return _events(t_ns, kept, name, file)
+    return _events(t_ns, frozen, name, file)
 
 
 def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> list[Event]:

@@ -97,13 +97,13 @@ def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[I
         written[table.bad_cells.get(name, [])] = True
     if written.all() or not written.any():
         return t_ns, table
-    kept = np.flatnonzero(written)
+    rows = np.flatnonzero(written)
     detail = (
-        f"{table.path}: {table.n - len(kept)} of {table.n} rows hold no {config.kind} reading, only those of other"
+        f"{table.path}: {table.n - len(rows)} of {table.n} rows hold no {config.kind} reading, only those of other"
         " logs of the file"
     )
     table.events.append(Event(None, "sensor_rows_without_reading", detail))
-    return t_ns[kept], table.take(kept)
+    return t_ns[rows], table.take(rows)
 
 
 def _in_time_order(
@@ -149,12 +149,12 @@ def _attitude(config: Any, values: Float64) -> Float64:
 def _position(config: Any, values: Float64) -> Float64:
     if config.frame == "ecef":
         on_earth = np.linalg.norm(values, axis=1, keepdims=True) > 1e6
-        found = geodetic(np.where(on_earth, values, np.nan))
+        position = geodetic(np.where(on_earth, values, np.nan))
     else:
-        found = values * (RAD_PER_DEG, RAD_PER_DEG, 1.0)
+        position = values * (RAD_PER_DEG, RAD_PER_DEG, 1.0)
     if config.height == "sea_level":
-        found[:, 2] += geoid_height(*np.degrees(found[:, :2].T))
-    return np.asarray(found)
+        position[:, 2] += geoid_height(*np.degrees(position[:, :2].T))
+    return np.asarray(position)
 
 
 def _velocity(config: Any, values: Float64) -> Float64:

@@ -36,18 +36,18 @@ def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event
         return None, []
     among = np.arange(len(t_ns))
     for _ in range(STRAY_SAMPLES):
-        kept = _longest_increasing(t_ns, among)
-        stray = kept[_stray_ends(t_ns[kept])]
+        increasing = _longest_increasing(t_ns, among)
+        stray = increasing[_stray_ends(t_ns[increasing])]
         if not len(stray):
             break
         among = np.setdiff1d(among, stray)  # what had to go for their sake may be sound
-    if len(kept) < MIN_KEPT_SHARE * len(t_ns):
+    if len(increasing) < MIN_KEPT_SHARE * len(t_ns):
         raise TimeError(
-            f"only {len(kept)} of {len(t_ns)} time tags are in increasing order",
+            f"only {len(increasing)} of {len(t_ns)} time tags are in increasing order",
             file=file,
             advice="the time column repeats or decreases: check that it is the right column and has enough digits",
         )
-    return kept, shortened(_refusals(t_ns, kept, file), file)
+    return increasing, shortened(_refusals(t_ns, increasing, file), file)
 
 
 def _increases(t_ns: Int64) -> bool:
@@ -103,10 +103,10 @@ def _longest_choice(values: Int64) -> Int64:
     return np.array(chosen, dtype=np.int64)
 
 
-def _refusals(t_ns: Int64, kept: Int64, file: str) -> list[Event]:
+def _refusals(t_ns: Int64, increasing: Int64, file: str) -> list[Event]:
     """Return an event for each stretch of refused samples."""
     refused = np.ones(len(t_ns), np.bool_)
-    refused[kept] = False
+    refused[increasing] = False
     events = []
     for start, end in stretches_of(refused).tolist():
         before = int(t_ns[start - 1]) if start else None

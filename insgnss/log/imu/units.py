@@ -90,19 +90,19 @@ def _check_accelerometer(
     if config.values == "increments":
         shown *= mean_ns / NS_PER_S
     where = "while the sensor is at rest or steady" if at_rest else "in the middle of the log"
-    found = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
+    symptom = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
     fitting = _fitting_units(seen, config, mean_ns, at_rest)
     if not fitting:
-        return [Event(None, "units_suspicion", f"{file}: {found}")] if at_rest else []
+        return [Event(None, "units_suspicion", f"{file}: {symptom}")] if at_rest else []
     texts = [_declaration(unit, config) for unit in fitting]
     advice = " or ".join(texts) + (" fits" if len(texts) == 1 else " would fit")
     if at_rest:
         error = UnitsError(
-            f"{found}: wrong unit of the accelerometers", file=file, key="imu.accel_unit", advice=advice
+            f"{symptom}: wrong unit of the accelerometers", file=file, key="imu.accel_unit", advice=advice
         )
         error.fits = keys_of_accel_unit(fitting[0], config) if len(fitting) == 1 else ()
         raise error
-    return [Event(None, "units_suspicion", f"{file}: {found}; {advice}")]
+    return [Event(None, "units_suspicion", f"{file}: {symptom}; {advice}")]
 
 
 def fitting_accel_units(imu: ImuTable, config: ImuConfig) -> list[str]:
@@ -242,16 +242,16 @@ def _check_rest(windows: ImuWindows, near_g: Bool, config: ImuConfig, file: str)
     if contrary.sum() < max(MIN_QUIET_WINDOWS, AGREEING_SHARE * resting.sum()):
         return []
     rate = float(np.median(across_rate[contrary]))
-    found = f"the gyros show {rate:.3g} rad/s ({rate / RAD_PER_DEG:.0f} deg/s) while gravity's direction stands still"
+    symptom = f"the gyros show {rate:.3g} rad/s ({rate / RAD_PER_DEG:.0f} deg/s) while gravity's direction stands still"
     if config.gyro_unit in ("rad/s", "rad"):
         unit = config.gyro_unit.replace("rad", "deg")
-        raise _gyro_error(found, file, unit)
-    return [Event(None, "units_suspicion", f"{file}: {found}")]
+        raise _gyro_error(symptom, file, unit)
+    return [Event(None, "units_suspicion", f"{file}: {symptom}")]
 
 
-def _gyro_error(found: str, file: str, unit: str) -> UnitsError:
+def _gyro_error(symptom: str, file: str, unit: str) -> UnitsError:
     error = UnitsError(
-        f"{found}: the gyros' unit is wrong",
+        f"{symptom}: the gyros' unit is wrong",
         file=file,
         key="imu.gyro_unit",
         advice=f"gyro_unit = '{unit}' fits",
@@ -277,5 +277,5 @@ def _check_turns(windows: ImuWindows, near_g: Bool, config: ImuConfig, file: str
     ratio = product / by_gyro  # how many times more gravity turned than the gyros say
     for factor, now, fits in ((RAD_PER_DEG, "rad", "deg"), (1.0 / RAD_PER_DEG, "deg", "rad")):
         if factor / TURN_FACTOR < ratio < factor * TURN_FACTOR and config.gyro_unit.startswith(now):
-            found = f"gravity turns {ratio:.3g} times as far as the gyros say"
-            raise _gyro_error(found, file, config.gyro_unit.replace(now, fits))
+            symptom = f"gravity turns {ratio:.3g} times as far as the gyros say"
+            raise _gyro_error(symptom, file, config.gyro_unit.replace(now, fits))

@@ -47,11 +47,11 @@ class D1Messages:
 
     def add(self, sv: str, subframe: int, near_ns: int | None) -> None:
         """Take the 224 information bits of a subframe."""
-        found = header(subframe)
-        if found is None:
+        number_and_time = header(subframe)
+        if number_and_time is None:
             self._broadcast.refused["D1 subframe without its preamble, number or time"] += 1
             return
-        number, sow = found
+        number, sow = number_and_time
         if number not in _LAYOUTS:
             return
         start = sow - _SUBFRAME_S * (number - 1)

@@ -64,11 +64,11 @@ class D2Messages:
 
     def add(self, sv: str, subframe: int, near_ns: int | None) -> None:
         """Take the 224 information bits of a subframe."""
-        found = header(subframe)
-        if found is None:
+        number_and_time = header(subframe)
+        if number_and_time is None:
             self._broadcast.refused["D2 subframe without its preamble, number or time"] += 1
             return
-        number, sow = found
+        number, sow = number_and_time
         if number != 1:
             return
         page = unsigned(subframe, LENGTH, HEADER, 4)
