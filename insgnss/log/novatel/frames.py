@@ -60,13 +60,13 @@ class NovatelFrames:
 
     def of(self, *kinds: int) -> list[Frame]:
         """Return the messages of these kinds, in the order of the file."""
-        found = [frame for kind in kinds for frame in self.frames.get(kind, [])]
-        return sorted(found) if len(kinds) > 1 else found
+        frames = [frame for kind in kinds for frame in self.frames.get(kind, [])]
+        return sorted(frames) if len(kinds) > 1 else frames
 
     def events(self, known: frozenset[int]) -> list[Event]:
         """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
         events = framing_events(self, "novatel", "message", "not NovAtel messages (NMEA, damage)", self.size)
-        others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
+        others = Counter({kind: len(frames) for kind, frames in self.frames.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
             events.append(
@@ -82,7 +82,7 @@ def check_sum(data: bytes | memoryview) -> int:
 
 def frames_in(path: Path, data: bytes) -> NovatelFrames:
     """Return the messages in the bytes of the file ``path``; after a wrong check sum the search goes on within."""
-    found, view, end = NovatelFrames(path, data, len(data)), memoryview(data), 0
+    frames, view, end = NovatelFrames(path, data, len(data)), memoryview(data), 0
     at = data.find(SYNC)
     while at >= 0:
         whole = _whole_length(data, at)
@@ -90,22 +90,22 @@ def frames_in(path: Path, data: bytes) -> NovatelFrames:
             at = data.find(SYNC, at + 1)
             continue
         if at + whole > len(data):
-            found.cut_at = at if found.cut_at is None else found.cut_at
+            frames.cut_at = at if frames.cut_at is None else frames.cut_at
             at = data.find(SYNC, at + 1)
             continue
         stop = at + whole - _CRC_BYTES
         if check_sum(view[at:stop]) != int.from_bytes(data[stop : stop + _CRC_BYTES], "little"):
-            found.bad_checksums.append(at)
+            frames.bad_checksums.append(at)
             at = data.find(SYNC, at + 1)
             continue
-        found.cut_at = None
-        _keep(found, at, stop)
-        found.gaps += [(end, at)] if at > end else []
+        frames.cut_at = None
+        _keep(frames, at, stop)
+        frames.gaps += [(end, at)] if at > end else []
         end = at + whole
         at = data.find(SYNC, end)
-    found.gaps += [(end, len(data))] if len(data) > end else []
-    found.foreign_bytes = sum(b - a for a, b in found.gaps)
-    return found
+    frames.gaps += [(end, len(data))] if len(data) > end else []
+    frames.foreign_bytes = sum(b - a for a, b in frames.gaps)
+    return frames
 
 
 def _whole_length(data: bytes, at: int) -> int:
@@ -118,17 +118,17 @@ def _whole_length(data: bytes, at: int) -> int:
     return LONG_HEADER + _CRC_BYTES if kind in (LONG, SHORT) and at + LONG_HEADER > len(data) else 0
 
 
-def _keep(found: NovatelFrames, at: int, stop: int) -> None:
+def _keep(frames: NovatelFrames, at: int, stop: int) -> None:
     """Note the valid message from ``at``, whose check sum is at ``stop``."""
-    found.count += 1
-    if found.data[at + 2] == SHORT:
-        _, kind, week, ms = _SHORT.unpack_from(found.data, at)
+    frames.count += 1
+    if frames.data[at + 2] == SHORT:
+        _, kind, week, ms = _SHORT.unpack_from(frames.data, at)
         known, second, start = True, False, at + SHORT_HEADER
     else:
-        head, kind, form, _, status, week, ms = _LONG.unpack_from(found.data, at)
+        head, kind, form, _, status, week, ms = _LONG.unpack_from(frames.data, at)
         known, second, start = status > _TIME_UNKNOWN, form & _SOURCE == _SECONDARY, at + head
         if form & _RESPONSE or form & _NO_BINARY:
             return
     timed = known and 0 < week <= LATEST_WEEK and ms < NS_PER_WEEK // 1_000_000
     t_ns = week * NS_PER_WEEK + ms * NS_PER_MS if timed else -1
-    found.frames.setdefault(kind, []).append(Frame(start, stop - start, t_ns, second))
+    frames.frames.setdefault(kind, []).append(Frame(start, stop - start, t_ns, second))

@@ -39,11 +39,11 @@ def headings(files: list[NovatelFrames]) -> tuple[list[FurtherSamples], list[Eve
         return [], []
     rows = np.concatenate(
         [
-            records(frames.data, [f.offset for f in found], _LAYOUT)
-            for frames, found in zip(files, chosen, strict=True)
+            records(frames.data, [f.offset for f in messages], _LAYOUT)
+            for frames, messages in zip(files, chosen, strict=True)
         ]
     )
-    t_ns = np.array([f.t_ns for found in chosen for f in found], np.int64)
+    t_ns = np.array([f.t_ns for messages in chosen for f in messages], np.int64)
     usable = (t_ns >= 0) & (rows["status"] == 0) & np.isin(rows["kind"], _FIXED)
     usable &= np.abs(rows["heading"]) <= 360.0
     events = []
@@ -53,5 +53,5 @@ def headings(files: list[NovatelFrames]) -> tuple[list[FurtherSamples], list[Eve
     values = np.column_stack(
         [rows["heading"].astype(np.float64), stated_sigmas(rows["sigma"].astype(np.float64))]
     )
-    found, left_out = further_samples(HEADING, name, t_ns[usable], values[usable])
-    return found, events + left_out
+    samples, left_out = further_samples(HEADING, name, t_ns[usable], values[usable])
+    return samples, events + left_out

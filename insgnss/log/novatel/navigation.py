@@ -116,25 +116,25 @@ IONUTC: Final = 8
 
 def broadcast(files: list[NovatelFrames]) -> Broadcast:
     """Return every message of the files, each distinct one once; subframes override decoded messages."""
-    found = Broadcast()
-    lnav = LnavMessages(found)
+    messages = Broadcast()
+    lnav = LnavMessages(messages)
     for frames in files:
         for kind, system in RAW.items():
             _raw(frames, kind, system, lnav)
-    raw = {(message.sv, message.toe_ns) for message in found.ephemerides}
+    raw = {(message.sv, message.toe_ns) for message in messages.ephemerides}
     for frames in files:
         for kind, (layout, take) in DECODED.items():
             chosen = [f for f in frames.of(kind) if f.length >= layout.itemsize]
             for frame, row in zip(
                 chosen, records(frames.data, [f.offset for f in chosen], layout), strict=True
             ):
-                take(found, row, frame.t_ns, raw)
+                take(messages, row, frame.t_ns, raw)
         chosen = [f for f in frames.of(IONUTC) if f.length >= _IONOSPHERE.itemsize]
         for row in records(frames.data, [f.offset for f in chosen], _IONOSPHERE):
             if np.isfinite(row["coefficients"]).all():
-                found.ionosphere_of("gps", tuple(row["coefficients"].tolist()))
-                found.leap_seconds = int(row["leap"]) if 0 < row["leap"] < 100 else found.leap_seconds
-    return found
+                messages.ionosphere_of("gps", tuple(row["coefficients"].tolist()))
+                messages.leap_seconds = int(row["leap"]) if 0 < row["leap"] < 100 else messages.leap_seconds
+    return messages
 
 
 def _raw(frames: NovatelFrames, kind: int, system: str, lnav: LnavMessages) -> None:
@@ -149,7 +149,7 @@ def _raw(frames: NovatelFrames, kind: int, system: str, lnav: LnavMessages) -> N
 
 
 def _take(
-    found: Broadcast,
+    messages: Broadcast,
     sv: str,
     kind: str,
     row: Any,
@@ -161,14 +161,14 @@ def _take(
     values = [named[name] if name in named else float(row[name]) for name in _ELEMENTS]
     toc = named.get("toc", float(row["toc"]) if "toc" in row.dtype.names else math.nan)
     if not sv or near_ns < 0 or not all(map(math.isfinite, (*values, toc, *stated[0]))):
-        found.refused[
+        messages.refused[
             "ephemeris of an unknown satellite, without a time or with an invalid number; refused"
         ] += 1
         return
-    found.keep(sv, kind, stated, tuple(values), toc, near_ns)
+    messages.keep(sv, kind, stated, tuple(values), toc, near_ns)
 
 
-def _gps(found: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) -> None:
+def _gps(messages: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) -> None:
     number = int(row["prn"])
     sv = satellite_name("J" if number >= _QZSS_FIRST else "G", number)
     toe = float(row["toe"])
@@ -179,10 +179,10 @@ def _gps(found: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) ->
     stated = Stated(
         (float(row["tgd"]), 0.0), health, accuracy if math.isfinite(accuracy) else math.nan, issue
     )
-    _take(found, sv, "LNAV", row, near_ns, stated, {"sqrt_a": sqrt_a})
+    _take(messages, sv, "LNAV", row, near_ns, stated, {"sqrt_a": sqrt_a})
 
 
-def _galileo_both(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+def _galileo_both(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
     health |= int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
     delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
@@ -190,41 +190,41 @@ def _galileo_both(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, in
     for kind in ("inav", "fnav"):
         if row[f"has_{kind}"]:
             clock = {name: float(row[f"{kind}_{name}"]) for name in ("af0", "af1", "af2", "toc")}
-            _take(found, satellite_name("E", int(row["prn"])), kind.upper(), row, near_ns, stated, clock)
+            _take(messages, satellite_name("E", int(row["prn"])), kind.upper(), row, near_ns, stated, clock)
 
 
-def _inav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+def _inav(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
     delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
     stated = Stated(delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
-    _take(found, satellite_name("E", int(row["prn"])), "INAV", row, near_ns, stated, {})
+    _take(messages, satellite_name("E", int(row["prn"])), "INAV", row, near_ns, stated, {})
 
 
-def _fnav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+def _fnav(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     health = int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
     stated = Stated((float(row["bgd_e5a"]), 0.0), float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
-    _take(found, satellite_name("E", int(row["prn"])), "FNAV", row, near_ns, stated, {})
+    _take(messages, satellite_name("E", int(row["prn"])), "FNAV", row, near_ns, stated, {})
 
 
-def _beidou(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+def _beidou(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     sv = satellite_name("C", int(row["prn"]))
     delays = (float(row["tgd1"]), float(row["tgd2"]))
     accuracy = float(row["ura"]) if math.isfinite(row["ura"]) else math.nan
     stated = Stated(delays, float(int(row["health"]) & 1), accuracy, float(row["aode"]))
-    _take(found, sv, beidou_message(sv), row, near_ns, stated, {})
+    _take(messages, sv, beidou_message(sv), row, near_ns, stated, {})
 
 
-def _glonass(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+def _glonass(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
     sv = satellite_name("R", int(row["slot"]))
     numbers = [*row["r_e"], *row["v_e"], *row["a_e"], row["tau"], row["gamma"]]
     if not sv or not 0 < row["week"] <= LATEST_WEEK or not np.isfinite(numbers).all():
-        found.refused["GLONASS ephemeris of an unknown satellite or without a time; refused"] += 1
+        messages.refused["GLONASS ephemeris of an unknown satellite or without a time; refused"] += 1
         return
     # leap seconds make it end in odd seconds; a receiver's milliseconds are rounded away
     t_ns = int(row["week"]) * NS_PER_WEEK + round(int(row["ms"]) / 1000) * NS_PER_S
     channel = int(row["channel"]) - CHANNEL_OFFSET
     r_e, v_e, a_e = (tuple(row[name].tolist()) for name in ("r_e", "v_e", "a_e"))
-    found.states.setdefault(
+    messages.states.setdefault(
         StateVector(
             sv,
             t_ns,

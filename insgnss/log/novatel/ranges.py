@@ -134,8 +134,8 @@ def _codes(system: npt.NDArray[Any], number: Int64, signals: dict[str, dict[int,
     for letter, codes in signals.items():
         for index, code in codes.items():
             table[ord(letter), index] = code
-    found: npt.NDArray[Any] = table[np.array([ord(letter) for letter in system], np.int64), number]
-    return found
+    rinex_codes: npt.NDArray[Any] = table[np.array([ord(letter) for letter in system], np.int64), number]
+    return rinex_codes
 
 
 def _plain(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
@@ -271,29 +271,29 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
     has_range = (rows.status & _CODE_LOCK != 0) & (rows.range_m > 0.0) & (rows.range_m < _MOST_RANGE_M)
     has_phase = (rows.status & _PHASE_LOCK != 0) & np.isfinite(rows.cycles) & (np.abs(rows.cycles) < 1e12)
     has_doppler = (rows.status & (_PHASE_LOCK | _CODE_LOCK) != 0) & (np.abs(rows.doppler_hz) < 1e6)
-    kept = np.flatnonzero(known & (has_range | has_doppler))
+    usable = np.flatnonzero(known & (has_range | has_doppler))
     _, once = np.unique(
-        np.char.add(np.char.add(names, rows.code), rows.t_ns.astype("U20"))[kept], return_index=True
+        np.char.add(np.char.add(names, rows.code), rows.t_ns.astype("U20"))[usable], return_index=True
     )
-    if len(once) < len(kept):
-        detail = f"{file}: {len(kept) - len(once)} repeated measurements left out"
+    if len(once) < len(usable):
+        detail = f"{file}: {len(usable) - len(once)} repeated measurements left out"
         events.append(Event(None, "gnss_epoch_repeated", detail))
-    kept = kept[np.sort(once)]
-    if not len(kept):
+    usable = usable[np.sort(once)]
+    if not len(usable):
         return None, events
-    chosen, names = rows.keep(kept), names[kept]
+    chosen, names = rows.keep(usable), names[usable]
     sv_names, sv = np.unique(names, return_inverse=True)
     codes, code = np.unique(chosen.code, return_inverse=True)
-    phase = has_phase[kept]
+    phase = has_phase[usable]
     half_open = phase & (chosen.status & _PARITY_KNOWN == 0)
     order = np.lexsort((code, sv, chosen.t_ns))
     table = GnssTable(
         chosen.t_ns,
         sv.astype(np.int16),
         code.astype(np.int16),
-        np.where(has_range[kept], chosen.range_m, np.nan),
-        np.where(has_doppler[kept], chosen.doppler_hz, np.nan),
-        np.full(len(kept), np.nan),
+        np.where(has_range[usable], chosen.range_m, np.nan),
+        np.where(has_doppler[usable], chosen.doppler_hz, np.nan),
+        np.full(len(usable), np.nan),
         np.where((chosen.cn0 > 0.0) & (chosen.cn0 < 100.0), chosen.cn0, np.nan),
         tuple(map(str, sv_names)),
         tuple(map(str, codes)),
@@ -314,8 +314,8 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
 
 
 def _stated_channels(names: npt.NDArray[Any], channel: Int64) -> dict[str, int]:
-    found = {}
+    channels = {}
     for name in np.unique(names):
         if name[0] == "R":
-            found[str(name)] = int(channel[names == name][-1])
-    return {name: k for name, k in found.items() if k in CHANNELS}
+            channels[str(name)] = int(channel[names == name][-1])
+    return {name: k for name, k in channels.items() if k in CHANNELS}

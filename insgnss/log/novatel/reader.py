@@ -66,14 +66,14 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         gnss, events = measurements(files)
         imu, more_events = imu_table(files, imu_scales)
         own, is_inertial, left_out = solution(files)
-        found = broadcast(files)
+        messages = broadcast(files)
         further, no_heading = headings(files)
     events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *more_events]
     events += [*left_out, *no_heading]
     events += [event for _, more_events in turned for event in more_events]
     events += [
         Event(None, "navigation_damaged", f"{paths[0]}: {count} x {reason}")
-        for reason, count in found.refused.items()
+        for reason, count in messages.refused.items()
     ]
     if gnss is None and imu is None and own is None:
         reasons = ("imu_not_used", "novatel_compressed", "novatel_not_used")
@@ -85,7 +85,7 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         )
     return ReceiverLog(
         no_measurements() if gnss is None else gnss,
-        found.navigation(),
+        messages.navigation(),
         imu,
         events,
         own,

@@ -32,16 +32,16 @@ _NO_REFERENCE: Final = b"No reference data exists"
 
 def ascii_bytes(data: bytes) -> int:
     """Return how many bytes lie in ASCII messages with a sound check sum."""
-    return sum(len(found[0]) for found in _SOUND.finditer(data) if _is_sound(found))
+    return sum(len(match[0]) for match in _SOUND.finditer(data) if _is_sound(match))
 
 
-def _is_sound(found: re.Match[bytes]) -> bool:
-    return check_sum(found[1]) == int(found[2], 16)
+def _is_sound(match: re.Match[bytes]) -> bool:
+    return check_sum(match[1]) == int(match[2], 16)
 
 
 def _with_line_ends(data: bytes) -> bytes:
     """Return the data with the line end behind each ASCII message that the library waits for, CR and LF."""
-    return _SOUND.sub(lambda found: found[0].rstrip() + b"\r\n" if _is_sound(found) else found[0], data)
+    return _SOUND.sub(lambda match: match[0].rstrip() + b"\r\n" if _is_sound(match) else match[0], data)
 
 
 def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
@@ -66,10 +66,10 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
         return frames, [_unread(frames, f"took more than {limit_s:.0f} s")]
     if _NOT_INSTALLED in ended.stderr:
         return frames, [_unread(frames, f"is not installed: {INSTALL}")]
-    found = frames_in(frames.path, ended.stdout)
-    if ended.returncode != 0 and not found.count:
+    turned = frames_in(frames.path, ended.stdout)
+    if ended.returncode != 0 and not turned.count:
         return frames, [_unread(frames, f"ended with {ended.returncode}")]
-    return _joined(frames, found), _losses(frames, found, ended)
+    return _joined(frames, turned), _losses(frames, turned, ended)
 
 
 def _left_to_the_library(frames: NovatelFrames) -> bytes:
@@ -85,9 +85,9 @@ def _left_to_the_library(frames: NovatelFrames) -> bytes:
 def _joined(frames: NovatelFrames, turned: NovatelFrames) -> NovatelFrames:
     """Return the messages of a file with those that were turned behind them; sound ASCII counts as foreign no more."""
     behind = len(frames.data)
-    kinds = {kind: [*found] for kind, found in frames.frames.items() if kind not in COMPRESSED_FURTHER}
-    for kind, found in turned.frames.items():
-        kinds.setdefault(kind, []).extend(f._replace(offset=f.offset + behind) for f in found)
+    kinds = {kind: [*messages] for kind, messages in frames.frames.items() if kind not in COMPRESSED_FURTHER}
+    for kind, messages in turned.frames.items():
+        kinds.setdefault(kind, []).extend(f._replace(offset=f.offset + behind) for f in messages)
     return replace(
         frames,
         data=frames.data + turned.data,
@@ -107,21 +107,21 @@ def _needed(frames: NovatelFrames) -> str:
 def _ascii_kinds(frames: NovatelFrames) -> list[bytes]:
     if not frames.foreign_bytes:
         return []
-    return [found[1] or found[2] for found in _ASCII.finditer(frames.data)]
+    return [match[1] or match[2] for match in _ASCII.finditer(frames.data)]
 
 
 def _losses(
-    frames: NovatelFrames, found: NovatelFrames, ended: subprocess.CompletedProcess[bytes]
+    frames: NovatelFrames, turned: NovatelFrames, ended: subprocess.CompletedProcess[bytes]
 ) -> list[Event]:
     """Return the events of messages that the library did not turn."""
     events = []
     if ended.returncode != 0:
         detail = (
-            f"the library ended with {ended.returncode} after {found.count} message(s); the rest is not read"
+            f"the library ended with {ended.returncode} after {turned.count} message(s); the rest is not read"
         )
         events.append(_event(frames, detail))
     epochs = len(frames.of(*COMPRESSED_FURTHER)) + _ascii_kinds(frames).count(b"RANGE")
-    lost = epochs - len(found.of(RANGE))
+    lost = epochs - len(turned.of(RANGE))
     if lost > 0:
         events.append(_event(frames, f"epochs not read: {lost} of {epochs} ({_needed(frames)})"))
     missing = ended.stderr.count(_NO_REFERENCE)

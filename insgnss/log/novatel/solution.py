@@ -154,21 +154,21 @@ def _table(
     """Return the usable rows in the order of time, and how many others there were."""
     place = np.column_stack([rows["lat"], rows["lon"], height])
     usable = (t_ns >= 0) & np.isfinite(quality) & on_earth(place)
-    kept = distinct_rows(t_ns, usable)
-    if len(kept) < 2:
+    chosen = distinct_rows(t_ns, usable)
+    if len(chosen) < 2:
         return None, len(t_ns)
-    motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[kept]
+    motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[chosen]
     if sigma is not None:
-        sigma = stated_sigmas(sigma)[kept]
-    lat_deg, lon_deg, h_m = place[kept].T
+        sigma = stated_sigmas(sigma)[chosen]
+    lat_deg, lon_deg, h_m = place[chosen].T
     table = ReferenceTable(
-        t_ns[kept],
+        t_ns[chosen],
         lat_deg,
         lon_deg,
         h_m,
         motion[:, :3],
         motion[:, 3:],
-        quality[kept],
+        quality[chosen],
         sigma,
     )
     return table, int((~usable).sum())

@@ -115,11 +115,11 @@ def _wrong_length(epoch: str, header: str) -> str:
     shape = None if version_of(header) >= 3.0 else _shape_2(lines, header)
     if shape is None or shape.n_cells > _MOST_CELLS_2 or lines[0][28:29] not in "01":
         return ""
-    wanted, found = shape.n_first + shape.n_names * shape.per_satellite, len(lines)
-    if wanted == found:
+    wanted, n_lines = shape.n_first + shape.n_names * shape.per_satellite, len(lines)
+    if wanted == n_lines:
         return ""
     detail = f"{shape.n_names} satellite(s) of {shape.n_cells} observation(s) need {wanted}"
-    return f"the epoch has {found} line(s), {detail}"
+    return f"the epoch has {n_lines} line(s), {detail}"
 
 
 def without_damaged_cells(epoch: str, header: str, first_line: int) -> tuple[str, tuple[DamagedCell, ...]]:

@@ -119,10 +119,10 @@ def _written(line: str, label: str) -> str | None:
     """Return a line in the columns of RINEX 2.11, table A1 (those of 3 and 4 are the same); None to leave it out."""
     if not label.startswith("TIME OF"):
         return None
-    found = _TIME.search(line[:LABEL_COLUMN])
-    if found is None:
+    match = _TIME.search(line[:LABEL_COLUMN])
+    if match is None:
         return None if label == "TIME OF LAST OBS" else line
-    *civil, second, scale = found.groups()
+    *civil, second, scale = match.groups()
     return (
         f"{''.join(f'{int(n):6d}' for n in civil)}{float(second):13.7f}     {scale}".ljust(LABEL_COLUMN)
         + label

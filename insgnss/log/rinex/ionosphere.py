@@ -28,12 +28,12 @@ _MESSAGES: Final = {
 
 def read_ionosphere(text: str) -> dict[str, Float64]:
     """Return the coefficients of ``NavigationData.ionosphere``, SI units, and GPS's; a damaged set is left out."""
-    found: dict[str, Float64] = {}
+    by_system: dict[str, Float64] = {}
     for system, values in (*_from_header(text), *_from_messages(text)):
         coefficients = np.array(values, dtype=np.float64)
         if np.isfinite(coefficients).all() and coefficients.any():
-            found.setdefault(system, coefficients)
-    return found
+            by_system.setdefault(system, coefficients)
+    return by_system
 
 
 def _from_header(text: str) -> Iterator[tuple[str, list[float]]]:

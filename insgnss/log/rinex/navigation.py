@@ -107,44 +107,46 @@ def read_navigation(
     ------
     NavigationDataError : a file is not a RINEX navigation file, or there is no ephemeris in any
     """
-    found = _NavigationContents()
+    contents = _NavigationContents()
     files = []
     for path in paths:
         parts, joining = rinex_files(path)
         files += parts
-        found.events += joining
+        contents.events += joining
     for file in files:
         text, tabs = _navigation_text(file)
-        found.events += tabs
-        _read_records(text, file.name, found)
+        contents.events += tabs
+        _read_records(text, file.name, contents)
         ionosphere = read_ionosphere(text)
         of_gps = ionosphere.pop("gps", None)
-        if found.klobuchar is None:
-            found.klobuchar = _klobuchar(text, of_gps)
-        found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
-        found.ionosphere = ionosphere | found.ionosphere
-    suffices = coefficients_suffice and (found.klobuchar is not None or bool(found.ionosphere))
-    if not (found.keplerian or found.states or suffices):
+        if contents.klobuchar is None:
+            contents.klobuchar = _klobuchar(text, of_gps)
+        contents.leap_seconds = (
+            _leap_seconds(text) if contents.leap_seconds is None else contents.leap_seconds
+        )
+        contents.ionosphere = ionosphere | contents.ionosphere
+    suffices = coefficients_suffice and (contents.klobuchar is not None or bool(contents.ionosphere))
+    if not (contents.keplerian or contents.states or suffices):
         names = ", ".join(str(path) for path in paths)
         raise NavigationDataError(
             "no usable ephemeris",
             file=names,
             advice="give the broadcast navigation file of the flight's day",
         )
-    table, repeated = _ephemerides(found.keplerian)
-    states, repeated_states = state_vector_table(found.states)
+    table, repeated = _ephemerides(contents.keplerian)
+    states, repeated_states = state_vector_table(contents.states)
     if repeated + repeated_states:
         detail = f"{repeated + repeated_states} repeated message(s) left out"
-        found.events.append(Event(None, "navigation_repeated", detail))
+        contents.events.append(Event(None, "navigation_repeated", detail))
     navigation = NavigationData(
         ephemerides=table,
-        klobuchar=found.klobuchar,
-        leap_seconds=found.leap_seconds,
+        klobuchar=contents.klobuchar,
+        leap_seconds=contents.leap_seconds,
         state_vectors=states,
-        ionosphere=found.ionosphere,
-        inter_signal_s=found.inter_signal_s,
+        ionosphere=contents.ionosphere,
+        inter_signal_s=contents.inter_signal_s,
     )
-    return navigation, found.events
+    return navigation, contents.events
 
 
 def _navigation_text(file: JoinedFile) -> tuple[str, list[Event]]:
@@ -172,7 +174,7 @@ def _navigation_text(file: JoinedFile) -> tuple[str, list[Event]]:
     return _NO_SATELLITE.sub(r"\g<1>01", text), events
 
 
-def _read_records(text: str, path: str, found: _NavigationContents) -> None:
+def _read_records(text: str, path: str, contents: _NavigationContents) -> None:
     """Add the messages of a file, and an event for damaged ones or those of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
@@ -184,7 +186,7 @@ def _read_records(text: str, path: str, found: _NavigationContents) -> None:
         + [b.line for b in parsed.skipped if b.satellite[:1] == "R"],
         sbas=[b.line for b in parsed.other if b.kind == "sbas"],
     )
-    found.states += states.found
+    contents.states += states.found
     told_twice = {line for line, _, _ in states.refused} | states.mended
     damaged = [(b.line, b.satellite, b.message) for b in parsed.skipped if b.line not in told_twice]
     damaged += states.refused
@@ -194,19 +196,19 @@ def _read_records(text: str, path: str, found: _NavigationContents) -> None:
         if label in MESSAGES and not all(map(is_date, _reference_times_ns(record))):
             damaged.append((1, record.satellite, IMPOSSIBLE_DATE))
         elif label in MESSAGES:
-            found.keplerian.append(record)
+            contents.keplerian.append(record)
         elif record.is_cnav_family:
             kinds[f"{label} (orbit)"] += 1
-            found.inter_signal_s[record.satellite] = _inter_signal(record)
+            contents.inter_signal_s[record.satellite] = _inter_signal(record)
         else:
             kinds[label] += 1
-    _tell_damage(damaged, path, found.events)
-    _tell_channels(states.found, path, found.events)
+    _tell_damage(damaged, path, contents.events)
+    _tell_channels(states.found, path, contents.events)
     kinds += Counter(block.kind for block in parsed.other if block.kind not in _READ_ELSEWHERE)
     if kinds:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
         detail = f"{path}: messages of a kind not used: {listed}"
-        found.events.append(Event(None, "navigation_not_used", detail))
+        contents.events.append(Event(None, "navigation_not_used", detail))
 
 
 def _tell_damage(damaged: list[tuple[int, str, str]], path: str, events: list[Event]) -> None:

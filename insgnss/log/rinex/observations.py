@@ -56,9 +56,9 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
     parts = []
     events: list[Event] = []
     for path in paths:
-        tables, found = _read_path(path, offset_s)
+        tables, more_events = _read_path(path, offset_s)
         parts += tables
-        events += found
+        events += more_events
     table, reordered = in_time_order(joined(parts), str(paths[0]))
     return table, events + reordered
 
@@ -69,14 +69,14 @@ def _read_path(path: Path, offset_s: float) -> tuple[list[GnssTable], list[Event
     tables: list[GnssTable] = []
     for file in files:
         try:
-            table, found = _read_observation_file(file, offset_s)
+            table, more_events = _read_observation_file(file, offset_s)
         except InputError as error:
             if file is files[-1] and not tables:
                 raise
             events.append(Event(None, "rinex_part_not_read", error.message))
             continue
         tables.append(table)
-        events += found
+        events += more_events
     return tables, events
 
 

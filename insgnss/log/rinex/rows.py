@@ -111,24 +111,24 @@ def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> G
         measured |= ~np.isnan(columns["D"])
     phase = ~np.isnan(columns["L"])
     observed.phases_alone = int(np.count_nonzero(phase & ~measured))
-    kept = np.flatnonzero(measured)
-    unreadable = (columns["C"][kept] == UNREADABLE) | (columns["D"][kept] == UNREADABLE)
+    measured_rows = np.flatnonzero(measured)
+    unreadable = (columns["C"][measured_rows] == UNREADABLE) | (columns["D"][measured_rows] == UNREADABLE)
     for kind in KINDS:
         columns[kind][columns[kind] == UNREADABLE] = np.nan
-    with_phase = bool(phase[kept].any())
+    with_phase = bool(phase[measured_rows].any())
     return GnssTable(
-        np.repeat(np.array(observed.t_ns, dtype=np.int64), counts)[kept],
-        sv[kept],
-        signal[kept],
-        columns["C"][kept],
-        columns["D"][kept],
-        np.full(len(kept), np.nan),
-        columns["S"][kept],
+        np.repeat(np.array(observed.t_ns, dtype=np.int64), counts)[measured_rows],
+        sv[measured_rows],
+        signal[measured_rows],
+        columns["C"][measured_rows],
+        columns["D"][measured_rows],
+        np.full(len(measured_rows), np.nan),
+        columns["S"][measured_rows],
         sv_names,
         signal_names,
         bad_cells=np.flatnonzero(unreadable).astype(np.int64),
-        carrier_cycles=columns["L"][kept] if with_phase else None,
-        lli=_flags(lli[kept], phase[kept]) if with_phase else None,
+        carrier_cycles=columns["L"][measured_rows] if with_phase else None,
+        lli=_flags(lli[measured_rows], phase[measured_rows]) if with_phase else None,
         glonass_channels=channels,
     )
 

@@ -52,8 +52,8 @@ def read_state_vectors(text: str, glonass: Sequence[int], sbas: Sequence[int]) -
             result.refused.append((line, lines[line - 1][:3], str(error)))
     undated = [state for state in result.found if not is_date(state.t_ns)]
     result.refused.extend((1, state.sv, IMPOSSIBLE_DATE) for state in undated)
-    kept = [state for state in result.found if is_date(state.t_ns)]
-    return StateVectors(kept, result.refused, result.mended)
+    dated = [state for state in result.found if is_date(state.t_ns)]
+    return StateVectors(dated, result.refused, result.mended)
 
 
 def is_date(t_ns: int) -> bool:

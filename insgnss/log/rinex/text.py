@@ -89,16 +89,16 @@ class ObservationText:
         if not later:
             return self.header
         renewed = {_whose_types(line) for line in later if line[:6].strip()}
-        kept: list[str] = []
+        lines: list[str] = []
         whose = ("", "")
         for line in self.header.splitlines():
             if line[LABEL_COLUMN:].startswith("END OF HEADER"):
-                kept += later
+                lines += later
             if line[:6].strip():  # others go on with the list above
                 whose = _whose_types(line)
             if not (_TYPES.match(line) and whose in renewed):
-                kept.append(line)
-        return "\n".join(kept) + "\n"
+                lines.append(line)
+        return "\n".join(lines) + "\n"
 
     def part(self, start: int, end: int) -> str:
         """Return a RINEX text of the epochs ``start`` to ``end`` (excluded)."""
