@@ -56,26 +56,26 @@ def read_rosbag(
     InputError : the libraries are not installed, the file is not a bag or holds no usable data, or several topics
         would do and none is named
     """
-    found, events = read_topics(path, _READ, (IMU, NAVSATFIX))
-    if not events and not any(topic.count for topic in found.values()):
+    by_name, events = read_topics(path, _READ, (IMU, NAVSATFIX))
+    if not events and not any(topic.count for topic in by_name.values()):
         advice = "nothing was published while it was recorded: compare with 'ros2 topic hz' before the next recording"
         raise InputError("the bag holds no message", file=path, advice=advice)
     wanted = dict(topics or {})
     for part, name in wanted.items():
-        if name not in found:
+        if name not in by_name:
             raise InputError(
                 f"the bag has no topic '{name}'",
                 file=path,
                 key=f"--topic {part}",
-                advice=f"it has {_listed(found.values())}",
+                advice=f"it has {_listed(by_name.values())}",
             )
     with np.errstate(all="ignore"):
-        imu_topic = _one(found, "imu", (IMU,), wanted, path)
+        imu_topic = _one(by_name, "imu", (IMU,), wanted, path)
         imu = None if imu_topic is None else _sound(imu_topic, events, lambda topic: _inertial(topic, events))
-        raw_topic = _one(found, "gnss", (*RAW_KINDS, *BYTES), wanted, path)
-        subframes = [topic for topic in found.values() if topic.kind in SUBFRAME_KINDS]
+        raw_topic = _one(by_name, "gnss", (*RAW_KINDS, *BYTES), wanted, path)
+        subframes = [topic for topic in by_name.values() if topic.kind in SUBFRAME_KINDS]
         raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
-        fix_topic, beside = _fix_topics(found, wanted, path)
+        fix_topic, beside = _fix_topics(by_name, wanted, path)
         solved = (
             None
             if fix_topic is None
@@ -85,12 +85,12 @@ def read_rosbag(
         if raw is not None and raw_topic is not None and is_rtcm(raw_topic):
             declared = rtcm or ("own" if "gnss" in wanted else None)
             raw = _of_the_receiver(raw, own, declared, raw_topic, events)
-        further = [_sound(topic, events, lambda topic: _further(topic, events)) for topic in found.values()]
+        further = [_sound(topic, events, lambda topic: _further(topic, events)) for topic in by_name.values()]
         samples = [each for some in further for each in some or []]
     topics_read = (imu_topic, raw_topic, fix_topic, beside, *subframes)
     used = {topic.name for topic in topics_read if topic is not None}
     used |= {each.source for each in samples}
-    others = [topic for topic in found.values() if topic.name not in used and topic.count]
+    others = [topic for topic in by_name.values() if topic.name not in used and topic.count]
     if others:
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
     advice = f"record {IMU}, {NAVSATFIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
@@ -114,7 +114,7 @@ def _listed(topics: Any) -> str:
 
 
 def _one(
-    found: Mapping[str, Topic], part: str, kinds: tuple[str, ...], wanted: Mapping[str, str], path: Path
+    by_name: Mapping[str, Topic], part: str, kinds: tuple[str, ...], wanted: Mapping[str, str], path: Path
 ) -> Topic | None:
     """Return the topic of these types that is named or alone.
 
@@ -123,7 +123,7 @@ def _one(
     InputError : there are several
     """
     if part in wanted:
-        topic = found[wanted[part]]
+        topic = by_name[wanted[part]]
         if topic.kind not in kinds:
             raise InputError(
                 f"the topic '{topic.name}' is of the type {topic.kind or 'unknown'}, which is not read as {part}",
@@ -132,7 +132,7 @@ def _one(
                 advice=f"name a topic of {', '.join(kinds)}",
             )
         return topic
-    fitting = [topic for topic in found.values() if topic.kind in kinds and topic.messages]
+    fitting = [topic for topic in by_name.values() if topic.kind in kinds and topic.messages]
     if len(fitting) > 1:
         fitting = [topic for topic in fitting if topic.kind not in BYTES or is_stream(topic)]
     if len(fitting) > 1:
@@ -145,7 +145,7 @@ def _one(
 
 
 def _fix_topics(
-    found: Mapping[str, Topic], wanted: Mapping[str, str], path: Path
+    by_name: Mapping[str, Topic], wanted: Mapping[str, str], path: Path
 ) -> tuple[Topic | None, Topic | None]:
     """Return the topic of fixes, and one of GPSFix beside it that states the velocities of the same fixes.
 
@@ -156,12 +156,12 @@ def _fix_topics(
     InputError : there are several of one type, and none is named
     """
     if "reference" in wanted:
-        topic = _one(found, "reference", (NAVSATFIX, GPSFIX), wanted, path)
+        topic = _one(by_name, "reference", (NAVSATFIX, GPSFIX), wanted, path)
     else:
-        topic = _one(found, "reference", (NAVSATFIX,), wanted, path) or _one(
-            found, "reference", (GPSFIX,), wanted, path
+        topic = _one(by_name, "reference", (NAVSATFIX,), wanted, path) or _one(
+            by_name, "reference", (GPSFIX,), wanted, path
         )
-    others = [each for each in found.values() if each.kind == GPSFIX and each.messages]
+    others = [each for each in by_name.values() if each.kind == GPSFIX and each.messages]
     if topic is None or topic.kind != NAVSATFIX or len(others) != 1:
         return topic, None
     return topic, others[0]
@@ -224,9 +224,11 @@ def _further(topic: Topic, events: list[Event]) -> list[FurtherSamples]:
         fields = [m.magnetic_field for _, m in messages]
         kind, values = MAGNETOMETER, 1e6 * np.array([(v.x, v.y, v.z) for v in fields], np.float64)
     dated = t_ns >= 0  # the others have been told
-    found, more_events = further_samples(kind, topic.name, t_ns[dated], values.reshape(len(t_ns), -1)[dated])
+    samples, more_events = further_samples(
+        kind, topic.name, t_ns[dated], values.reshape(len(t_ns), -1)[dated]
+    )
     events += more_events
-    return found
+    return samples
 
 
 def _axes(imu: ImuTable | None, topic: Topic | None, events: list[Event]) -> tuple[str, str, str]:

@@ -36,17 +36,17 @@ class Topic:
 
     def decoded(self, events: list[Event]) -> Decoded:
         """Return the messages as objects with the fields of their type; those that cannot be are counted."""
-        found, failed = [], 0
+        messages, failed = [], 0
         for t_ns, data in self.messages:
             try:
-                found.append((t_ns, None if self.decode is None else self.decode(data)))
+                messages.append((t_ns, None if self.decode is None else self.decode(data)))
             except Exception:  # what damaged bytes raise within a library is of every kind
                 failed += 1
         if failed:
             events.append(
                 Event(None, "mcap_damaged", f"{self.name}: {failed} message(s) not decoded left out")
             )
-        return [(t_ns, message) for t_ns, message in found if message is not None]
+        return [(t_ns, message) for t_ns, message in messages if message is not None]
 
 
 def full_kind(kind: str) -> str:
@@ -69,8 +69,8 @@ def kind_within(
         return kind, ""
     own = definition.split("\n===")[0]
     lines = (line.partition("#")[0].split() for line in own.splitlines())
-    found = [(full_kind(words[0]), words[1]) for words in lines if len(words) == 2]
-    fitting = [(part, name) for part, name in found if part in within]
+    fields = [(full_kind(words[0]), words[1]) for words in lines if len(words) == 2]
+    fitting = [(part, name) for part, name in fields if part in within]
     return fitting[0] if len(fitting) == 1 else (kind, "")
 
 
@@ -82,10 +82,10 @@ def decoder_of(decode: Callable[[bytes], Any], part: str) -> Callable[[bytes], A
 def _part(decode: Callable[[bytes], Any], name: str, data: bytes) -> Any:
     """Return a field of a message, with the message's stamp where it has none of its own."""
     message = decode(data)
-    found = getattr(message, name)
-    if not (found.header.stamp.sec or found.header.stamp.nanosec) and hasattr(message, "header"):
-        found.header = message.header
-    return found
+    value = getattr(message, name)
+    if not (value.header.stamp.sec or value.header.stamp.nanosec) and hasattr(message, "header"):
+        value.header = message.header
+    return value
 
 
 def stamps(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:

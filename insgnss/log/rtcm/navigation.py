@@ -39,10 +39,10 @@ def broadcast(messages: Sequence[tuple[Any, int]]) -> Broadcast:
     ----------
     messages : each with the GPS time of the epochs about it [ns]
     """
-    found = Broadcast()
+    ephemerides = Broadcast()
     for message, near_ns in messages:
-        EPHEMERIDES[message.message_number](found, message, near_ns)
-    return found
+        EPHEMERIDES[message.message_number](ephemerides, message, near_ns)
+    return ephemerides
 
 
 def stated_channels(messages: Sequence[Any]) -> dict[str, int]:
@@ -68,27 +68,27 @@ def _elements(row: Any, scales: tuple[float, tuple[int, int, int], int, int]) ->
 
 
 def _lnav(system: str) -> Callable[[Broadcast, Any, int], None]:
-    def take(found: Broadcast, message: Any, near_ns: int) -> None:
+    def take(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
         row = message.gps_ephemeris or message.qzss_ephemeris
         sv = _name(system, row.satellite_id)
         sent_ns = row.week_number * NS_PER_WEEK + int(row.t_oe * 16) * NS_PER_S
-        if not _is_near(found, sv, sent_ns, near_ns, GPS_WEEKS_SENT, message):
+        if not _is_near(ephemerides, sv, sent_ns, near_ns, GPS_WEEKS_SENT, message):
             return
         fit = fit_interval_s(system, int(row.fit_interval), row.iodc)
         health, accuracy = float(row.sv_health), ura_m(row.sv_accuracy if system == "G" else row.ura)
         delay = 0.0 if system == "J" and row.t_gd == -128 else row.t_gd * power(-31)  # "not available"
         stated = Stated((delay, 0.0), health, accuracy, float(row.iode), fit)
-        found.keep(sv, "LNAV", stated, _elements(row, _GPS), row.t_oc * _GPS[0], near_ns)
+        ephemerides.keep(sv, "LNAV", stated, _elements(row, _GPS), row.t_oc * _GPS[0], near_ns)
 
     return take
 
 
-def _galileo(found: Broadcast, message: Any, near_ns: int) -> None:
+def _galileo(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     inav = message.galileo_inav_ephemeris
     row = inav or message.galileo_fnav_ephemeris
     sv = _name("E", row.satellite_id)
     sent_ns = (row.week_number + 1024) * NS_PER_WEEK + row.t_oe * 60 * NS_PER_S
-    if not _is_near(found, sv, sent_ns, near_ns, 4096, message):
+    if not _is_near(ephemerides, sv, sent_ns, near_ns, 4096, message):
         return
     # the bits of RINEX 3.05, table A8
     if inav:
@@ -100,29 +100,29 @@ def _galileo(found: Broadcast, message: Any, near_ns: int) -> None:
     accuracy = sisa_m(row.sisa_index if inav else row.sisa)
     stated = Stated(delays, float(health), accuracy, float(row.iod_nav))
     kind = "INAV" if inav else "FNAV"
-    found.keep(sv, kind, stated, _elements(row, _GALILEO), row.t_oc * _GALILEO[0], near_ns)
+    ephemerides.keep(sv, kind, stated, _elements(row, _GALILEO), row.t_oc * _GALILEO[0], near_ns)
 
 
 def _flags(invalid: bool, health: int, place: int) -> int:
     return (int(invalid) | int(health) << 1) << place
 
 
-def _beidou(found: Broadcast, message: Any, near_ns: int) -> None:
+def _beidou(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     row = message.beidou_ephemeris
     sv = _name("C", row.satellite_id)
     sent_ns = (row.week_number + BDT_WEEK_OFFSET) * NS_PER_WEEK + row.t_oe * 8 * NS_PER_S + BDT_TO_GPS_NS
-    if not _is_near(found, sv, sent_ns, near_ns, 8192, message):
+    if not _is_near(ephemerides, sv, sent_ns, near_ns, 8192, message):
         return
     delays = (row.t_gd1 * 1e-10, row.t_gd2 * 1e-10)
     stated = Stated(delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode))
-    found.keep(sv, beidou_message(sv), stated, _elements(row, _BEIDOU), row.t_oc * _BEIDOU[0], near_ns)
+    ephemerides.keep(sv, beidou_message(sv), stated, _elements(row, _BEIDOU), row.t_oc * _BEIDOU[0], near_ns)
 
 
 def _name(system: str, number: int) -> str:
     return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
 
 
-def _is_near(found: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks: int, message: Any) -> bool:
+def _is_near(ephemerides: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks: int, message: Any) -> bool:
     """Return whether a message has a satellite and is of the epochs' days, its week sent modulo ``weeks``.
 
     A reference time at the week's edge may be one week off the week sent.
@@ -132,15 +132,15 @@ def _is_near(found: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks: int, 
     off_ns = min((off_ns, off_ns - NS_PER_WEEK, off_ns + NS_PER_WEEK), key=abs)
     why = "without a known satellite" if not sv else "of another date" if abs(off_ns) > _FAR_NS else ""
     if why:
-        found.refused[f"message {message.message_number} {why}; refused"] += 1
+        ephemerides.refused[f"message {message.message_number} {why}; refused"] += 1
     return not why
 
 
-def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
+def _glonass(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     row = message.glonass_ephemeris
     sv = _name("R", row.satellite_id)
     if not sv or row.t_b * 900 >= 86_400:
-        found.refused["message 1020 without a known satellite or time; refused"] += 1
+        ephemerides.refused["message 1020 without a known satellite or time; refused"] += 1
         return
     channel = row.frequency_channel - CHANNEL_OFFSET
     r_e, v_e, a_e = (
@@ -159,7 +159,7 @@ def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
         float(int(row.b_n_msb) | int(row.m_l_n_third) << 1),
         channel if channel in CHANNELS else UNKNOWN_CHANNEL,
     )
-    found.states.setdefault(state)
+    ephemerides.states.setdefault(state)
 
 
 EPHEMERIDES: Final[dict[int, Callable[[Broadcast, Any, int], None]]] = {

@@ -226,21 +226,21 @@ def observation_table(
     channels : of GLONASS satellites as ephemerides state them; those of the observations count before them
     """
     known = channels | cells.channels
-    kept, events = _chosen(cells, file)
+    rows, events = _chosen(cells, file)
     sv_names, sv = np.unique(np.array(cells.sv, "U3"), return_inverse=True)
     codes, code = np.unique(np.array(cells.code, "U3"), return_inverse=True)
     carriers = np.array(
         [[_carrier_hz(str(name), str(c), known.get(str(name))) for c in codes] for name in sv_names]
     ).reshape(len(sv_names), len(codes))
-    hz = carriers[sv, code][kept] if len(kept) else np.zeros(0)
+    hz = carriers[sv, code][rows] if len(rows) else np.zeros(0)
     columns = {
-        name: np.array(getattr(cells, name), np.float64)[kept]
+        name: np.array(getattr(cells, name), np.float64)[rows]
         for name in ("range_m", "phase_m", "rate_mps", "cn0")
     }
     rates = columns["rate_mps"]
     cycles = columns["phase_m"] * hz / C_MPS
-    legacy = np.array(cells.rank, np.int64)[kept] == _LEGACY_RANK
-    track = sv[kept] * len(codes) + code[kept]
+    legacy = np.array(cells.rank, np.int64)[rows] == _LEGACY_RANK
+    track = sv[rows] * len(codes) + code[rows]
     if legacy.any():
         cycles = _unwrapped(cycles, columns["range_m"] * hz / C_MPS, np.where(legacy, track, -1))
     lost = np.isnan(hz) & (np.isfinite(columns["phase_m"]) | np.isfinite(rates))
@@ -248,9 +248,9 @@ def observation_table(
         detail = f"{file}: {int(lost.sum())} row(s) without carrier phase and Doppler: channel or carrier not known"
         events.append(Event(None, "rtcm_carrier_unknown", detail))
     table = GnssTable(
-        np.array(cells.t_ns, np.int64)[kept],
-        sv[kept].astype(np.int16),
-        code[kept].astype(np.int16),
+        np.array(cells.t_ns, np.int64)[rows],
+        sv[rows].astype(np.int16),
+        code[rows].astype(np.int16),
         columns["range_m"],
         -rates * hz / C_MPS,
         np.where(np.isnan(hz), rates, np.nan),
@@ -258,7 +258,7 @@ def observation_table(
         tuple(map(str, sv_names)),
         tuple(map(str, codes)),
         carrier_cycles=cycles,
-        lli=np.where(np.isfinite(cycles), np.array(cells.lli, np.int64)[kept], 0).astype(np.int8),
+        lli=np.where(np.isfinite(cycles), np.array(cells.lli, np.int64)[rows], 0).astype(np.int8),
         glonass_channels={sv: k for sv, k in known.items() if sv in sv_names},
     )
     return table, events

@@ -88,7 +88,7 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
             cells.add(message, times)
         elif number in EPHEMERIDES:
             ephemerides.append((message, times.last_ns))
-    found = broadcast([(m, cells.first_ns if t is None else t) for m, t in ephemerides])
+    navigation_messages = broadcast([(m, cells.first_ns if t is None else t) for m, t in ephemerides])
     gnss, events = observation_table(cells, stated_channels(messages), file)
     if not len(gnss.t_ns):
         raise InputError(
@@ -101,12 +101,12 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
     events += [*reordered, *_station_events(stations, file)]
     events += [
         Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
-        for reason, count in found.refused.items()
+        for reason, count in navigation_messages.refused.items()
     ]
     if listed := _not_used(messages):
         events.append(Event(None, "rtcm_not_used", f"{file}: messages not read: {listed}"))
     place = next(iter(stations.values()))[:3] if len(stations) == 1 else None
-    return ReceiverLog(gnss, found.navigation(), None, events, station_m=place)
+    return ReceiverLog(gnss, navigation_messages.navigation(), None, events, station_m=place)
 
 
 def _details(events: list[Event]) -> list[str]:
@@ -122,10 +122,10 @@ def _not_used(messages: list[Any]) -> str:
     return ", ".join(f"{count} of {number}" for number, count in sorted(others.items()))
 
 
-def _damage(found: Any, size: int, file: str) -> list[Event]:
+def _damage(parsed: Any, size: int, file: str) -> list[Event]:
     """Return the events of the frames' check sums and layouts."""
     events = first_events(
-        found.skipped_frames,
+        parsed.skipped_frames,
         lambda skip: Event(
             None,
             "rtcm_damaged",
@@ -134,11 +134,11 @@ def _damage(found: Any, size: int, file: str) -> list[Event]:
         file,
         "messages refused",
     )
-    if found.crc_failures:
-        detail = f"{file}: {found.crc_failures} frame(s) with a wrong check sum left out"
+    if parsed.crc_failures:
+        detail = f"{file}: {parsed.crc_failures} frame(s) with a wrong check sum left out"
         events.append(Event(None, "rtcm_damaged", detail))
-    if found.resync_bytes:
-        detail = f"{file}: {found.resync_bytes} of {size} bytes are not in a whole frame (other data, damage, a cut)"
+    if parsed.resync_bytes:
+        detail = f"{file}: {parsed.resync_bytes} of {size} bytes are not in a whole frame (other data, damage, a cut)"
         events.append(Event(None, "rtcm_foreign_bytes", detail))
     return events
 

@@ -62,11 +62,12 @@ class StreamDate:
         """
         if self.declared is None or abs(first_ns - self.near_ns) <= 1.5 * S_PER_DAY * NS_PER_S:
             return
-        found = ns_to_datetime(first_ns)
+        first_date = ns_to_datetime(first_ns)
         raise TimeError(
-            f"the stream's first epoch is on a {found:%A}, the declared date {self.declared} is a {self.declared:%A}",
+            f"the stream's first epoch is on a {first_date:%A}, the declared date {self.declared}"
+            f" is a {self.declared:%A}",
             file=file,
-            advice=f"declare its own date; the nearest that fits is --date {found:%Y-%m-%d}",
+            advice=f"declare its own date; the nearest that fits is --date {first_date:%Y-%m-%d}",
         )
 
 
@@ -99,16 +100,16 @@ def stream_date(messages: list[Any], declared: dt.date | None) -> StreamDate | N
     if declared is not None:
         noon = dt.datetime(declared.year, declared.month, declared.day, 12)
         return StreamDate(utc_to_ns(noon), declared)
-    found: dict[int, int] = {}
+    times_ns: dict[int, int] = {}
     for message in messages:
-        if message.message_number not in found:
-            found.update((message.message_number, t_ns) for t_ns in _dates(message))
+        if message.message_number not in times_ns:
+            times_ns.update((message.message_number, t_ns) for t_ns in _dates(message))
     for number in (1013, 1046, 1045, 1042, 1020, 1029):
-        if number in found:
-            return StreamDate(found[number])
+        if number in times_ns:
+            return StreamDate(times_ns[number])
     for number in (1019, 1044):
-        if number in found:
-            return StreamDate(_last_cycle(found[number]), week_assumed=True)
+        if number in times_ns:
+            return StreamDate(_last_cycle(times_ns[number]), week_assumed=True)
     return None
 
 

@@ -159,33 +159,33 @@ class Blocks:
 
 def find_blocks(data: bytes) -> Blocks:
     """Return where the sound blocks of ``data`` begin; bytes between them (NMEA, RTCM, noise) are passed over."""
-    found = Blocks()
+    blocks = Blocks()
     at = data.find(SYNC)
     while at >= 0:
-        length = _sound_length(data, at, found)
+        length = _sound_length(data, at, blocks)
         at = data.find(SYNC, at + (length or 1))
-    return found
+    return blocks
 
 
-def _sound_length(data: bytes, at: int, found: Blocks) -> int:
+def _sound_length(data: bytes, at: int, blocks: Blocks) -> int:
     """Note the block at ``at`` and return its length, zero when there is none."""
     if at + HEADER_LENGTH > len(data):
-        found.damaged += 1
+        blocks.damaged += 1
         return 0
     crc, number, length = struct.unpack_from("<HHH", data, at + 2)
     if length < HEADER_LENGTH or length % 4 or number & 0x1FFF < FIRST_NUMBER:
         return 0
     if at + length > len(data) or binascii.crc_hqx(data[at + 4 : at + length], 0) != crc:
-        found.damaged += 1
+        blocks.damaged += 1
         return 0
     number &= 0x1FFF
     layout = LAYOUTS.get(number)
     if layout is None:
-        found.others[number] += 1
+        blocks.others[number] += 1
     elif length >= HEADER_LENGTH + layout.itemsize:
-        found.starts.setdefault(number, []).append(at)
+        blocks.starts.setdefault(number, []).append(at)
     else:
-        found.damaged += 1
+        blocks.damaged += 1
     return int(length)
 
 

@@ -67,21 +67,21 @@ def fixes(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Even
         rows = _geodetic(rows)
     in_space = (rows["mode"] & _MODE_MASK > 0) & (rows["mode"] & _FIX_2D == 0)
     what = f"{_NAMES[kind]} block(s) without a fix in three dimensions"
-    place, kept, events = solved_rows(rows, in_space, what)
-    if len(kept) < 2:
+    place, chosen, events = solved_rows(rows, in_space, what)
+    if len(chosen) < 2:
         return None, events
-    t_ns = block_times_ns(rows[kept])
-    sigma = np.full((len(kept), 9), np.nan)
+    t_ns = block_times_ns(rows[chosen])
+    sigma = np.full((len(chosen), 9), np.nan)
     for number, columns in zip(_COVARIANCES[kind], (slice(0, 3), slice(3, 6)), strict=True):
         covariances = block_records(data, blocks, number)
         if kind == PVT_ECEF:
-            covariances = _along_north_east_up(covariances, t_ns, place[kept])
+            covariances = _along_north_east_up(covariances, t_ns, place[chosen])
         sigma[:, columns] = _sigmas(covariances, t_ns)
-    stated = _accuracies(data, np.array(blocks.starts[kind], np.int64)[kept])
+    stated = _accuracies(data, np.array(blocks.starts[kind], np.int64)[chosen])
     sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), stated, sigma[:, :3])
-    velocity = rows["v_neu"][kept].astype(np.float64)
+    velocity = rows["v_neu"][chosen].astype(np.float64)
     velocity = np.where(velocity > FLOAT_MISSING, velocity, np.nan) * _UP
-    return own_reference(t_ns, place[kept], sigma, velocity=velocity), events
+    return own_reference(t_ns, place[chosen], sigma, velocity=velocity), events
 
 
 def _geodetic(rows: Any) -> Any:
@@ -112,10 +112,10 @@ def _along_north_east_up(rows: Any, at_ns: Int64, place: Float64) -> Any:
 
 def _as_block(rows: Any, number: int) -> Any:
     """Return blocks (n,) of another number with the time, mode and error of ``rows``, the rest zero."""
-    found = np.zeros(len(rows), LAYOUTS[number])
+    blocks = np.zeros(len(rows), LAYOUTS[number])
     for name in _SHARED:
-        found[name] = rows[name]
-    return found
+        blocks[name] = rows[name]
+    return blocks
 
 
 def _sigmas(rows: Any, at_ns: Int64) -> Float64:
@@ -123,9 +123,9 @@ def _sigmas(rows: Any, at_ns: Int64) -> Float64:
     rows = rows[time_known(rows) & (rows["error"] == 0)]
     sigma = np.full((len(at_ns), 3), np.nan)
     t_ns = block_times_ns(rows)
-    kept = distinct_rows(t_ns, np.ones(len(rows), bool))
-    _, here, there = np.intersect1d(at_ns, t_ns[kept], assume_unique=True, return_indices=True)
-    variance = rows["variance"][kept][there].astype(np.float64)
+    distinct = distinct_rows(t_ns, np.ones(len(rows), bool))
+    _, here, there = np.intersect1d(at_ns, t_ns[distinct], assume_unique=True, return_indices=True)
+    variance = rows["variance"][distinct][there].astype(np.float64)
     sigma[here] = stated_sigmas(np.sqrt(np.where(variance > 0.0, variance, np.nan)))
     return sigma
 

@@ -49,5 +49,5 @@ def headings(data: bytes, blocks: Blocks) -> tuple[list[FurtherSamples], list[Ev
     sigma_deg = np.full(len(rows), np.nan)
     sigma_deg[here] = np.sqrt(stated["variance"][there, 0])
     values = np.column_stack([rows["heading_deg"].astype(np.float64), sigma_deg])
-    found, left_out = further_samples(HEADING, "AttEuler", t_ns, values)
-    return found, events + left_out
+    samples, left_out = further_samples(HEADING, "AttEuler", t_ns, values)
+    return samples, events + left_out

@@ -121,30 +121,30 @@ def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> t
     codes, signal = _signals(number, flags[channels.epochs()])
     main = channels.both("type") >> 5 == 0
     known = (sv >= 0) & (signal >= 0)
-    kept = np.flatnonzero(main & known & ~(np.isnan(pseudorange) & np.isnan(doppler)))
-    kept = kept[np.lexsort((signal[kept], sv[kept], channels.epochs()[kept]))]
-    epochs = channels.epochs()[kept]
-    cn0 = channels.both("cn0")[kept]
-    second = kept >= len(channels.first)
-    of_signal = sv[kept].astype(np.int64) * len(codes) + signal[kept]
-    slipped = _slips(t_ns[epochs], of_signal, channels.both("lock_s")[kept], second.astype(np.int64))
-    half = (channels.both("info")[kept] & _HALF_CYCLE) != 0
-    phase = ~np.isnan(cycles[kept])
+    rows = np.flatnonzero(main & known & ~(np.isnan(pseudorange) & np.isnan(doppler)))
+    rows = rows[np.lexsort((signal[rows], sv[rows], channels.epochs()[rows]))]
+    epochs = channels.epochs()[rows]
+    cn0 = channels.both("cn0")[rows]
+    second = rows >= len(channels.first)
+    of_signal = sv[rows].astype(np.int64) * len(codes) + signal[rows]
+    slipped = _slips(t_ns[epochs], of_signal, channels.both("lock_s")[rows], second.astype(np.int64))
+    half = (channels.both("info")[rows] & _HALF_CYCLE) != 0
+    phase = ~np.isnan(cycles[rows])
     table = GnssTable(
         t_ns[epochs],
-        sv[kept],
-        signal[kept],
-        pseudorange[kept],
-        doppler[kept],
-        np.full(len(kept), np.nan),
+        sv[rows],
+        signal[rows],
+        pseudorange[rows],
+        doppler[rows],
+        np.full(len(rows), np.nan),
         np.where(
-            cn0 == _CN0_MISSING, np.nan, 0.25 * cn0 + np.where(np.isin(number[kept], (1, 2)), 0.0, 10.0)
+            cn0 == _CN0_MISSING, np.nan, 0.25 * cn0 + np.where(np.isin(number[rows], (1, 2)), 0.0, 10.0)
         ),
         names,
         codes,
-        carrier_cycles=cycles[kept],
+        carrier_cycles=cycles[rows],
         lli=np.where(phase, slipped + 2 * half, 0).astype(np.int8),
-        glonass_channels=_channel_of(names, sv[kept], channel[kept]),
+        glonass_channels=_channel_of(names, sv[rows], channel[rows]),
     )
     return table, _events(channels, main, known)
 
@@ -250,12 +250,12 @@ def _slips(t_ns: Int64, of_signal: Int64, lock_s: Int64, kind: Int64) -> Int8:
 
 
 def _channel_of(names: tuple[str, ...], sv: Int16, channel: Int64) -> dict[str, int]:
-    found = {}
+    channels = {}
     for k, name in enumerate(names):
         rows = channel[sv == k] if name[0] == "R" else channel[:0]
         if len(rows):
-            found[name] = int(rows[0])
-    return found
+            channels[name] = int(rows[0])
+    return channels
 
 
 def _clock_jumps(t_ns: Int64, jumps_ms: npt.NDArray[np.uint8]) -> list[Event]:

@@ -51,37 +51,39 @@ _WEEK_ROLLOVER_GLONASS: Final = 1024
 
 def broadcast(data: bytes, blocks: Blocks) -> Broadcast:
     """Return every message of the file, each distinct one once."""
-    found = Broadcast()
+    messages = Broadcast()
     for number, system in ((GPS_NAV, "G"), (QZS_NAV, "J")):
         for row in block_records(data, blocks, number):
-            _take(found, row, system, _lnav)
+            _take(messages, row, system, _lnav)
     for row in block_records(data, blocks, GAL_NAV):
-        _take(found, row, "E", _galileo)
+        _take(messages, row, "E", _galileo)
     for row in block_records(data, blocks, BDS_NAV):
-        _take(found, row, "C", _beidou)
+        _take(messages, row, "C", _beidou)
     for row in block_records(data, blocks, GLO_NAV):
-        _glonass(found, row)
+        _glonass(messages, row)
     for number, system in ((GPS_ION, "gps"), (BDS_ION, "beidou"), (GAL_ION, "galileo")):
         for row in block_records(data, blocks, number):
             coefficients = row["coefficients"].astype(np.float64)
             if np.isfinite(coefficients).all() and (coefficients > FLOAT_MISSING).all():
-                found.ionosphere_of(system, tuple(coefficients.tolist()))
+                messages.ionosphere_of(system, tuple(coefficients.tolist()))
     for row in block_records(data, blocks, GPS_UTC)[:1]:
-        found.leap_seconds = int(row["leap"])
-    return found
+        messages.leap_seconds = int(row["leap"])
+    return messages
 
 
-def _take(found: Broadcast, row: Any, system: str, content: Callable[[str, Any], tuple[str, Stated]]) -> None:
+def _take(
+    messages: Broadcast, row: Any, system: str, content: Callable[[str, Any], tuple[str, Stated]]
+) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
     received_ns = _received_ns(row)
     if not sv.startswith(system) or received_ns is None:
-        found.refused["SBF message of an unknown satellite or without a time"] += 1
+        messages.refused["SBF message of an unknown satellite or without a time"] += 1
         return
     elements = _elements(row)
     if not all(map(math.isfinite, elements)):
-        found.refused["SBF message with an invalid number"] += 1
+        messages.refused["SBF message with an invalid number"] += 1
         return
-    found.keep(sv, *content(sv, row), elements, float(row["toc_s"]), received_ns)
+    messages.keep(sv, *content(sv, row), elements, float(row["toc_s"]), received_ns)
 
 
 def _received_ns(row: Any) -> int | None:
@@ -127,7 +129,7 @@ def _beidou(sv: str, row: Any) -> tuple[str, Stated]:
     return beidou_message(sv), Stated(delays, float(row["health"]), accuracy_m, float(row["aode"]))
 
 
-def _glonass(found: Broadcast, row: Any) -> None:
+def _glonass(messages: Broadcast, row: Any) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
     received_ns = _received_ns(row)
     r_e, v_e, a_e = (
@@ -139,7 +141,7 @@ def _glonass(found: Broadcast, row: Any) -> None:
         or received_ns is None
         or not np.isfinite([*r_e, *v_e, *a_e, clock_s, clock_rate]).all()
     ):
-        found.refused["SBF message of an unknown satellite or without a time"] += 1
+        messages.refused["SBF message of an unknown satellite or without a time"] += 1
         return
     state = StateVector(
         sv,
@@ -153,4 +155,4 @@ def _glonass(found: Broadcast, row: Any) -> None:
         float(int(row["health_b"]) >> 2 & 1 | int(row["health_l"]) << 1),
         int(row["channel"]) - CHANNEL_OFFSET,
     )
-    found.states.setdefault(state)
+    messages.states.setdefault(state)

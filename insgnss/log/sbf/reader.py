@@ -79,11 +79,11 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
             advice=missed or f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR})",
         )
     gnss, reordered = in_time_order(gnss, str(path))
-    found = broadcast(data, blocks)
+    messages = broadcast(data, blocks)
     events += reordered
     events += [
         Event(None, "navigation_damaged", f"{count} {reason}; refused")
-        for reason, count in found.refused.items()
+        for reason, count in messages.refused.items()
     ]
     if missed:
         events.append(Event(None, MEASUREMENTS_NOT_READ, missed))
@@ -92,7 +92,7 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]
-    navigation = found.navigation()
+    navigation = messages.navigation()
     if own is None and fixed is not None:
         named.append(not_independent(f"{name_of_fixes(blocks)}, the receiver's fixes"))
         return ReceiverLog(gnss, navigation, imu, named, fixed, further=tuple(samples))

@@ -86,14 +86,14 @@ def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Floa
     size = _TRIPLE.itemsize
     at = starts + HEADER_LENGTH + LAYOUTS[INS_NAV].itemsize
     ends = starts + np.array([block_length(data, start) for start in starts.tolist()], np.int64)
-    found = []
+    parts = []
     for part in range(_N_PARTS):
         present = (listed >> part & 1 != 0) & (at + size <= ends)
         values = np.full((len(starts), 3), np.nan)
         values[present] = _values(records(data, at[present].tolist(), _TRIPLE))
-        found.append(values)
+        parts.append(values)
         at = at + size * (listed >> part & 1)
-    return found
+    return parts
 
 
 def _values(rows: Any) -> Float64:

@@ -44,14 +44,14 @@ _FIRST_SBAS: Final = 120
 def legacy_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     """Return a file's RXM-RAW epochs in the form of RXM-RAWX, and an event for those without a date."""
     data, head = frames.data, _EPOCH.itemsize
-    found = [
+    headers = [
         (o, np.frombuffer(data, _EPOCH, 1, o)[0])
         for o, n in frames.of(RAW_LEGACY)
         if n >= head and n == head + _MEASUREMENT.itemsize * data[o + 6]
     ]
     dated = [
         (o, h)
-        for o, h in found
+        for o, h in headers
         if 0 < h["week"] <= LATEST_WEEK and 0 <= h["tow_ms"] <= NS_PER_WEEK // 1_000_000
     ]
     events = []

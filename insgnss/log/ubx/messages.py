@@ -74,11 +74,13 @@ class UbxMessages:
         epoch_offset, epoch_ns : where in the file the receiver stated which GPS time, ascending offsets
         """
         add_legacy_subframes(frames, self._lnav, epoch_offset, epoch_ns)
-        found = frames.of(SFRBX)
+        subframes = frames.of(SFRBX)
         # the last time before a message, the first one for those before it
-        index = np.searchsorted(epoch_offset, np.array([offset for offset, _ in found], dtype=np.int64)) - 1
-        nearest = epoch_ns[np.maximum(index, 0)].tolist() if len(epoch_ns) else [None] * len(found)
-        for (offset, length), near_ns in zip(found, nearest, strict=True):
+        index = (
+            np.searchsorted(epoch_offset, np.array([offset for offset, _ in subframes], dtype=np.int64)) - 1
+        )
+        nearest = epoch_ns[np.maximum(index, 0)].tolist() if len(epoch_ns) else [None] * len(subframes)
+        for (offset, length), near_ns in zip(subframes, nearest, strict=True):
             if length >= _HEAD:
                 self._take(frames.data[offset : offset + length], near_ns)
             else:

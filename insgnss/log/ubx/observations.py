@@ -101,9 +101,9 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
         frames.path,
         "epochs refused",
     )
-    kept = [place for place, has_date in zip(good, dated, strict=True) if has_date]
+    used = [place for place, has_date in zip(good, dated, strict=True) if has_date]
     heads = heads[dated]
-    body = b"".join([data[o + 16 : o + n] for o, n in kept])
+    body = b"".join([data[o + 16 : o + n] for o, n in used])
     empty = int((heads["count"] == 0).sum())
     if empty:
         detail = f"{frames.path}: {empty} epochs without a measurement"
@@ -112,7 +112,7 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     known = heads["status"] & LEAP_KNOWN > 0
     epochs = RawEpochs(
         tow_ns + heads["week"].astype(np.int64) * NS_PER_WEEK,
-        np.array([o for o, _ in kept], dtype=np.int64),
+        np.array([o for o, _ in used], dtype=np.int64),
         np.where(known, heads["leap_s"], -128).astype(np.int64),
         heads["status"] & CLOCK_RESET > 0,
         heads["count"].astype(np.int64),

@@ -86,11 +86,11 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
                 advice="give the receiver's own log; NMEA holds no measurements",
             )
         solved.append(solved_epochs(frames))
-        part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
+        part, raw_events = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
         offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _times_without_raw(frames, solved[-1])
         messages.add_file(frames, offset, t_ns)
         table, more_events = imu_table(frames, offset, t_ns)
-        events += [*frames.events(KNOWN), *found, *more_events, *_time_marks(frames)]
+        events += [*frames.events(KNOWN), *raw_events, *more_events, *_time_marks(frames)]
         epochs.append(part)
         imu += [] if table is None else [table]
     gnss, more_events = observation_table(epochs, paths[0])
@@ -156,14 +156,14 @@ def _times_without_raw(frames: UbxFrames, solved: SolvedEpochs) -> tuple[Int64, 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
     """Return the positions of NAV-TIMEGPS in a file and the GPS times it states."""
-    found = [
+    records = [
         (o, np.frombuffer(frames.data, _TIMEGPS_LAYOUT, 1, o)[0])
         for o, n in frames.of(TIMEGPS)
         if n >= _TIMEGPS_LAYOUT.itemsize
     ]
     valid = [
         (o, r)
-        for o, r in found
+        for o, r in records
         if r["valid"] & DATE_AND_TIME_VALID == DATE_AND_TIME_VALID and 0 < r["week"] <= LATEST_WEEK
     ]
     times = [int(r["week"]) * NS_PER_WEEK + int(r["tow_ms"]) * 1_000_000 + int(r["tow_ns"]) for _, r in valid]

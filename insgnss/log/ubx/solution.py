@@ -196,12 +196,12 @@ def solution(
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("t_ns", "place", "velocity", "sigma", "fix", "inertial", "angles")
     )
-    kept = distinct_rows(t_ns, fix & on_earth(place))
-    if len(kept) < 2:
+    rows = distinct_rows(t_ns, fix & on_earth(place))
+    if len(rows) < 2:
         return None, "satellites", []
-    stated = np.column_stack([stated_sigmas(sigma[kept]), angles[kept, 3:]])
-    table = own_reference(t_ns[kept], place[kept], stated, velocity=velocity[kept], attitude=angles[kept, :3])
-    source: SolutionFrom = "filter" if inertial[kept].any() else "satellites"
+    stated = np.column_stack([stated_sigmas(sigma[rows]), angles[rows, 3:]])
+    table = own_reference(t_ns[rows], place[rows], stated, velocity=velocity[rows], attitude=angles[rows, :3])
+    source: SolutionFrom = "filter" if inertial[rows].any() else "satellites"
     what = "solution with its inertial sensor" if source == "filter" else "fixes"
     names = " and ".join(sorted({part.name for part in parts if len(part.t_ns)}))
     return table, source, [not_independent(f"{names} of {file}, the receiver's {what}")]

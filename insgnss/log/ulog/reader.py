@@ -70,7 +70,7 @@ def _tables(
     events += more_events
     raw, more_events = _raw(data, path)
     events += more_events
-    imu, found = None, UlogSolution()
+    imu, solved = None, UlogSolution()
     samples: list[FurtherSamples] = []
     if clock is None:
         events.append(
@@ -79,14 +79,16 @@ def _tables(
     else:
         imu, more_events = _inertial(data, clock, wanted.get("imu"))
         events += more_events
-        found = solution(data, clock, wanted.get("reference"))
-        events += found.events
+        solved = solution(data, clock, wanted.get("reference"))
+        events += solved.events
         samples, more_events = _further(data, clock)
         events += more_events
     events += _not_read(wanted, data)
     advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
-    log = assembled(path, raw, imu, found.table, events, further=samples, holder="ULog", advice=advice)
-    return replace(log, imu_is_mean=True, solution_point="imu", solution_from=found.source, fixes=found.fixes)
+    log = assembled(path, raw, imu, solved.table, events, further=samples, holder="ULog", advice=advice)
+    return replace(
+        log, imu_is_mean=True, solution_point="imu", solution_from=solved.source, fixes=solved.fixes
+    )
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:
@@ -127,8 +129,8 @@ def _load(path: Path) -> tuple[Any, list[Event]]:
 
 def _fixes(data: Mapping[tuple[str, int], Any]) -> Any | None:
     """Return the GPS messages that have most rows."""
-    found = [d for (name, _), d in data.items() if name in FIXES and "time_utc_usec" in d]
-    return max(found, key=lambda d: len(d["timestamp"]), default=None)
+    messages = [d for (name, _), d in data.items() if name in FIXES and "time_utc_usec" in d]
+    return max(messages, key=lambda d: len(d["timestamp"]), default=None)
 
 
 def _not_read(wanted: Mapping[str, str], data: Mapping[tuple[str, int], Any]) -> list[Event]:
@@ -240,8 +242,8 @@ def _further(
             continue
         t_us, values = sampled_us(rows), unit * _vectors(rows, columns)
         near = clock.is_near(t_us)
-        found, more_events = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
-        tables += found
+        samples, more_events = further_samples(kind, f"{name}:{instance}", clock.gps_ns(t_us), values, near)
+        tables += samples
         events += more_events
     return tables, events
 

@@ -64,9 +64,9 @@ def solution(data: Data, clock: BootClock, wanted: str | None) -> UlogSolution:
     fixed, more_events = (None, []) if fixes is None else _fixes(data[fixes], fixes[0])
     for topics in (TRUTH, SOLUTION):
         if (topics[0], 0) in data and name in (None, topics[0]):
-            found, events = _filtered(data, clock, topics)
-            if found is not None or wanted is not None:
-                return UlogSolution(found, "truth" if topics is TRUTH else "filter", fixed, events)
+            table, events = _filtered(data, clock, topics)
+            if table is not None or wanted is not None:
+                return UlogSolution(table, "truth" if topics is TRUTH else "filter", fixed, events)
     return UlogSolution(fixed, events=more_events) if name in (None, *FIXES) else UlogSolution(fixes=fixed)
 
 
@@ -81,20 +81,22 @@ def _filtered(
     t_ns = clock.gps_ns(sampled_us(rows))
     place = np.column_stack([np.asarray(rows[name], np.float64) for name in ("lat", "lon", "alt")])
     place[:, 2] += _above_ellipsoid(data, rows)
-    kept = distinct_rows(t_ns, on_earth(place))
-    if len(kept) < 2:
+    chosen = distinct_rows(t_ns, on_earth(place))
+    if len(chosen) < 2:
         return None, []
-    velocity = _beside(data.get((velocities, 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
-    attitude = _beside(data.get((attitudes, 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[kept])
-    sigma = np.full((len(kept), 9), np.nan)
+    velocity = _beside(data.get((velocities, 0)), ("vx", "vy", "vz"), clock, t_ns[chosen])
+    attitude = _beside(data.get((attitudes, 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[chosen])
+    sigma = np.full((len(chosen), 9), np.nan)
     for name, columns in (("eph", (0, 1)), ("epv", (2,))):
         if name in rows:
-            sigma[:, columns] = stated_sigmas(np.asarray(rows[name], np.float64))[kept, None]
-    table = own_reference(t_ns[kept], place[kept], sigma, velocity=velocity, attitude=_euler_deg(attitude))
+            sigma[:, columns] = stated_sigmas(np.asarray(rows[name], np.float64))[chosen, None]
+    table = own_reference(
+        t_ns[chosen], place[chosen], sigma, velocity=velocity, attitude=_euler_deg(attitude)
+    )
     listed = ", ".join(topics)
     if topics is TRUTH:
         detail = f"the reference is the simulator's truth ({listed})"
-        return replace(table, quality=np.full(len(kept), _TRUE)), [Event(None, "reference_truth", detail)]
+        return replace(table, quality=np.full(len(chosen), _TRUE)), [Event(None, "reference_truth", detail)]
     return table, [not_independent(f"PX4's own solution ({listed})")]
 
 
@@ -114,20 +116,20 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
     utc_us = np.asarray(rows["time_utc_usec"]).astype(np.int64)
     t_ns = np.zeros(len(utc_us), np.int64)
     t_ns[good] = unix_to_gps_ns(utc_us[good] * NS_PER_US)
-    kept = distinct_rows(t_ns, good)
-    if len(kept) < 2:
+    chosen = distinct_rows(t_ns, good)
+    if len(chosen) < 2:
         return None, [Event(None, "ulog_no_fix", f"{name}: no two fixes with a date")]
     speeds = ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     velocity = (
-        np.column_stack([np.asarray(rows[key], np.float64) for key in speeds])[kept]
+        np.column_stack([np.asarray(rows[key], np.float64) for key in speeds])[chosen]
         if set(speeds) <= set(rows)
-        else np.full((len(kept), 3), np.nan)
+        else np.full((len(chosen), 3), np.nan)
     )
-    sigma = np.full((len(kept), 9), np.nan)
+    sigma = np.full((len(chosen), 9), np.nan)
     for key, columns in (("eph", (0, 1)), ("epv", (2,)), ("s_variance_m_s", (3, 4, 5))):
         if key in rows:
-            sigma[:, columns] = stated_sigmas(np.asarray(rows[key], np.float64))[kept, None]
-    table = own_reference(t_ns[kept], place[kept], sigma, velocity=velocity)
+            sigma[:, columns] = stated_sigmas(np.asarray(rows[key], np.float64))[chosen, None]
+    table = own_reference(t_ns[chosen], place[chosen], sigma, velocity=velocity)
     return table, [not_independent(f"{name}, the receiver's fixes")]
 
 
