@@ -76,10 +76,10 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         _check_output(formats, declared, output)
     log, events = _read(formats, declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
-    navigation, found = with_files(log.navigation, navigation_files, log.gnss.sat is not None)
-    events += found
-    gnss, found = states_beside(log.gnss, navigation)
-    events += found
+    navigation, more_events = with_files(log.navigation, navigation_files, log.gnss.sat is not None)
+    events += more_events
+    gnss, more_events = states_beside(log.gnss, navigation)
+    events += more_events
     # beside measurements, which hold more, the fixes are of no use
     log = replace(log, gnss=gnss, fixes=None if len(gnss.t_ns) else log.satellite_fixes())
     if log.navigation is not None and not log.navigation.has_messages and gnss.sat is None:
@@ -89,8 +89,8 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     copies = _copies(navigation_files, log)
     tables, there = _names(log, copies), _in_place(copies, output)
     flight = output / FLIGHT_FILE
-    kept = (flight,) if flight.exists() else ()
-    names = tables if kept else [*tables, FLIGHT_FILE]
+    existing = (flight,) if flight.exists() else ()
+    names = tables if existing else [*tables, FLIGHT_FILE]
     try:
         with (
             overwriting(False, inputs),
@@ -99,13 +99,13 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
             for name in set(copies) - set(there):
                 shutil.copyfile(copies[name], new / name)
             messages = _write_tables(log, new)
-            if not kept:
+            if not existing:
                 text = flight_text([path for path, _ in formats], log, tables)
                 (new / FLIGHT_FILE).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ResultError(f"cannot be written: {error}", file=output) from error
     written = tuple(output / name for name in names)
-    return Conversion(formats, log, tuple(events), messages, written, kept)
+    return Conversion(formats, log, tuple(events), messages, written, existing)
 
 
 def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations, output: Path) -> None:
@@ -197,7 +197,7 @@ def _read(
         )
     logs = []
     for kind in kinds:
-        paths = tuple(path for path, found in formats if found == kind)
+        paths = tuple(path for path, file_format in formats if file_format == kind)
         logs.append(FormatLog(kind, paths, read_receiver(kind, paths, declared)))
     log = join_logs(logs)
     return log, list(log.events)

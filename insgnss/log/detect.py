@@ -136,11 +136,11 @@ def _framed_bytes(frames: UbxFrames | NovatelFrames) -> int:
 
 def _sbf_bytes(data: bytes) -> int:
     """Return how many bytes lie in SBF blocks with a sound check sum, the least that the blocks can have."""
-    found = find_blocks(data)
+    blocks = find_blocks(data)
     known = (
-        int.from_bytes(data[at + 6 : at + 8], "little") for starts in found.starts.values() for at in starts
+        int.from_bytes(data[at + 6 : at + 8], "little") for starts in blocks.starts.values() for at in starts
     )
-    return sum(known) + 8 * found.others.total()
+    return sum(known) + 8 * blocks.others.total()
 
 
 def _rtcm_bytes(data: bytes) -> int:

@@ -81,15 +81,15 @@ def _imu_lines(log: ReceiverLog) -> list[str]:
 
 def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
     """Return the entry of the measurements; as comments where positions take their place."""
-    found = len(log.gnss.t_ns) > 0
+    has_gnss = len(log.gnss.t_ns) > 0
     lines = [
         "[gnss]",
-        f'files = ["{GNSS_FILE}"]{"" if found else "  # DECLARE: this file does not exist yet"}',
+        f'files = ["{GNSS_FILE}"]{"" if has_gnss else "  # DECLARE: this file does not exist yet"}',
         _navigation_line(navigation, log),
         _LEVER_ARM,
         'oscillator = "tcxo"  # DECLARE when you know better',
     ]
-    if not found:
+    if not has_gnss:
         return [
             f"# DECLARE: the log has no raw measurements, {GNSS_FILE} does not exist. Convert the file that holds them",
             "# in one call with this one, into a new folder, or name another log of the same flight under [gnss].",
@@ -127,7 +127,7 @@ def _fixes_lines(log: ReceiverLog) -> list[str]:
     measured = [bool(np.isfinite(component).any()) for component in fixes.v_n.T]
     if any(measured):
         known = zip(ReferenceColumns().velocity, measured, strict=True)
-        names = ", ".join(f'"{name}"' if found else '"none"' for name, found in known)
+        names = ", ".join(f'"{name}"' if is_measured else '"none"' for name, is_measured in known)
         lines += [
             "",
             "[[sensor]]",

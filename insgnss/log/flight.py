@@ -147,15 +147,17 @@ class Flight(ResultDisplay):
             events += outside_events(imu.t_ns, logs.gnss.t_ns)
         reference = None
         if config.reference is not None:
-            reference, found = read_reference(config.reference, config.gps_week, config.columns_by_file())
-            events += found
+            reference, reference_events = read_reference(
+                config.reference, config.gps_week, config.columns_by_file()
+            )
+            events += reference_events
         if config.gnss.lever_b is None and config.gnss.files:
             detail = "gnss.lever_arm_m is not given: zero is assumed; measure the lever arm and give it"
             events.append(Event(None, "lever_arm_not_given", detail))
-        further, found = read_further_antennas(config, logs.gnss)
+        further, antenna_events = read_further_antennas(config, logs.gnss)
         sensors, more_events = self._sensors(imu)
         return FlightLogs(
-            *(imu, logs.gnss, logs.navigation, reference, _once(events + found + more_events), {}),
+            *(imu, logs.gnss, logs.navigation, reference, _once(events + antenna_events + more_events), {}),
             *(logs.products, logs.antennas, logs.base, further, sensors),
         )
 
@@ -167,9 +169,9 @@ class Flight(ResultDisplay):
                 detail = f"sensor '{sensor.label}' names no files: nothing of it is used in a replay"
                 events.append(Event(None, "sensor_without_log", detail))
                 continue
-            table, found = read_sensor(sensor, self.config.gps_week, self.config.columns_by_file())
+            table, more_events = read_sensor(sensor, self.config.gps_week, self.config.columns_by_file())
             tables.append(table)
-            events += found
+            events += more_events
             events += sensor_outside(imu.t_ns, table, self.config.gps_week)
         return tuple(tables), events
 

@@ -26,9 +26,9 @@ def read_further_antennas(config: FlightConfig, main: GnssTable) -> tuple[tuple[
     require_carrier(main, "the log of [gnss]", config.gnss.files[0])
     tables, events = [], []
     for antenna in config.attitude.antenna:
-        table, found = read_further_antenna(config, antenna, main)
+        table, more_events = read_further_antenna(config, antenna, main)
         tables.append(table)
-        events += found
+        events += more_events
     return tuple(tables), events
 
 

@@ -83,14 +83,14 @@ def further_samples(
     return ([FurtherSamples(kind, source, t_ns[rows], values[rows])] if len(rows) else []), events
 
 
-def most_samples(found: Sequence[FurtherSamples]) -> tuple[tuple[FurtherSamples, ...], list[Event]]:
+def most_samples(tables: Sequence[FurtherSamples]) -> tuple[tuple[FurtherSamples, ...], list[Event]]:
     """Return of each kind the table with most samples; an event names the others."""
-    kept: dict[FurtherKind, FurtherSamples] = {}
+    by_kind: dict[FurtherKind, FurtherSamples] = {}
     others = []
-    for one in sorted(found, key=lambda one: -len(one.t_ns)):
-        if one.kind in kept:
-            others.append(f"{len(one.t_ns)} {one.source} ({kept[one.kind].source} has more)")
+    for one in sorted(tables, key=lambda one: -len(one.t_ns)):
+        if one.kind in by_kind:
+            others.append(f"{len(one.t_ns)} {one.source} ({by_kind[one.kind].source} has more)")
         else:
-            kept[one.kind] = one
+            by_kind[one.kind] = one
     events = [Event(None, "sensor_samples_not_used", f"not read: {', '.join(others)}")] if others else []
-    return tuple(kept.values()), events
+    return tuple(by_kind.values()), events

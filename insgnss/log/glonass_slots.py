@@ -37,7 +37,7 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
     states = None if navigation is None else navigation.state_vectors
     names = np.array(gnss.sv_names, dtype=object)[gnss.sv]
     by_name = {gnss.sv_names[k]: channel for k, channel in unknown.items()}
-    found: dict[str, int] = {}
+    slots: dict[str, int] = {}
     if navigation is not None and states is not None:
         for begin, end in _pieces(gnss.t_ns):
             part = gnss.take(slice(begin, end))
@@ -48,11 +48,11 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
                 slot = _in_view(states, unknown[k], int(part.t_ns[0]), zenith)
                 if slot is not None:
                     names[begin:end][part.sv == k] = slot
-                    found[slot] = unknown[k]
+                    slots[slot] = unknown[k]
     left = sum(channel_of_name(name) is not None for name in names.tolist())
     events = []
-    if found:
-        listed = ", ".join(f"{slot} on {channel:+d}" for slot, channel in sorted(found.items()))
+    if slots:
+        listed = ", ".join(f"{slot} on {channel:+d}" for slot, channel in sorted(slots.items()))
         detail = f"{int(of_unknown.sum()) - left} rows of GLONASS satellites known by their channel alone: {listed}"
         events.append(Event(None, "glonass_slot_found", detail))
     if left:
@@ -66,7 +66,7 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
         gnss,
         sv=sv.astype(np.int16),
         sv_names=tuple(sv_names.tolist()),
-        glonass_channels=gnss.glonass_channels | by_name | found,
+        glonass_channels=gnss.glonass_channels | by_name | slots,
     ), events
 
 

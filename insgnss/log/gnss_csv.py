@@ -57,9 +57,9 @@ def read_gnss(config: Gnss, week: int, shared: FileColumns = NOTHING_SHARED) -> 
     events: list[Event] = []
     for path in config.files:
         previous = int(parts[-1].t_ns[-1]) if parts and len(parts[-1].t_ns) else None
-        part, found = _read_file(config, path, week, previous, shared.get(path, ()))
+        part, more_events = _read_file(config, path, week, previous, shared.get(path, ()))
         parts.append(part)
-        events += found
+        events += more_events
     parts, unused = _states_of_one_source(parts, config)
     events += unused
     table, reordered = in_time_order(joined(parts), str(config.files[0]))

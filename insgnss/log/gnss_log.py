@@ -59,20 +59,20 @@ def read_gnss_logs(
     gnss, events = log.gnss, list(log.events)
     if config.glonass_channels:
         gnss = replace(gnss, glonass_channels=gnss.glonass_channels | config.glonass_channels)
-    navigation, found = with_files(log.navigation, config.navigation, gnss.sat is not None)
-    events += found
-    gnss, found = with_slots(gnss, navigation)
-    events += found
+    navigation, more_events = with_files(log.navigation, config.navigation, gnss.sat is not None)
+    events += more_events
+    gnss, more_events = with_slots(gnss, navigation)
+    events += more_events
     if config.format == "android":
-        gnss, found = states_beside(gnss, navigation, bool(config.precise))
-        events += found
+        gnss, more_events = states_beside(gnss, navigation, bool(config.precise))
+        events += more_events
     products = antennas = base = None
     if config.precise:
-        products, found = read_precise(config.precise)
-        events += found
+        products, more_events = read_precise(config.precise)
+        events += more_events
     if config.antennas is not None:
-        antennas, found = read_antennas(config.antennas)
-        events += found
+        antennas, more_events = read_antennas(config.antennas)
+        events += more_events
     messages = navigation is not None and navigation.has_messages
     if gnss.sat is None and not messages and products is None:
         raise missing_navigation(flight_file)
@@ -145,13 +145,13 @@ def read_base(config: Base, week: int, shared: FileColumns = NOTHING_SHARED) -> 
 
 def _with_samples_told(log: ReceiverLog, path: Path) -> ReceiverLog:
     """Return the log with an event for each further sensor in it, whose samples a flight file takes from a CSV file."""
-    told = [
+    details = [
         f"{path}: {len(one.t_ns)} {one.kind} samples ({one.source}) not used: 'insgnss convert' writes them to"
         f" {one.file} for a [[sensor]]"
         for one in log.further
     ]
     return replace(
-        log, events=[*log.events, *(Event(None, "sensor_samples_not_used", text) for text in told)]
+        log, events=[*log.events, *(Event(None, "sensor_samples_not_used", text) for text in details)]
     )
 
 
@@ -188,8 +188,8 @@ def with_files(
     """
     if not files:
         return own, []
-    found, events = read_navigation(files, coefficients_suffice=stated)
-    return (found if own is None else merged(found, own)), events
+    from_files, events = read_navigation(files, coefficients_suffice=stated)
+    return (from_files if own is None else merged(from_files, own)), events
 
 
 def merged(first: NavigationData, second: NavigationData) -> NavigationData:

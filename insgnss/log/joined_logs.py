@@ -146,7 +146,7 @@ def _not_used(
         if one.log.solution is not None and one is not solution:
             detail = f"{one.names()}: its own solution is not used, that of {solution.names()} is"
             events.append(Event(None, "reference_not_used", detail))
-        lost = [samples.kind for samples in one.log.further if all(samples is not kept for kept in further)]
+        lost = [samples.kind for samples in one.log.further if all(samples is not used for used in further)]
         if lost:
             kinds = " and ".join(lost)
             detail = f"{one.names()}: {kinds} not used: {inertial.names()} is read for inertial and further samples"

@@ -81,17 +81,19 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     InputError : a file cannot be read, or holds no two fixes
     TimeError : no sentence states a date, and none is given
     """
-    found = _Sentences()
+    sentences = _Sentences()
     for path in paths:
-        _add_file(file_buffer(path).to_pybytes(), found)
-    fixes = [epoch for epoch in found.epochs if epoch.place is not None]
+        _add_file(file_buffer(path).to_pybytes(), sentences)
+    fixes = [epoch for epoch in sentences.epochs if epoch.place is not None]
     if len(fixes) < 2:
         raise InputError(
             "the NMEA file holds fewer than two GNSS fixes",
             file=paths[0],
             advice="log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements",
         )
-    t_ns = _gps_times(found.epochs, date, paths[0])[[epoch.place is not None for epoch in found.epochs]]
+    t_ns = _gps_times(sentences.epochs, date, paths[0])[
+        [epoch.place is not None for epoch in sentences.epochs]
+    ]
     place = np.array([epoch.place for epoch in fixes])
     geoid_m = np.array([epoch.geoid_m for epoch in fixes])
     unstated = np.isnan(geoid_m)
@@ -103,7 +105,7 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     v_n = np.array([(*epoch.velocity, math.nan) for epoch in fixes])
     rows = distinct_rows(t_ns, on_earth(place))
     table = own_reference(t_ns[rows], place[rows], sigma[rows], velocity=v_n[rows])
-    events = _events(found, int(unstated.sum()), ", ".join(map(str, paths)))
+    events = _events(sentences, int(unstated.sum()), ", ".join(map(str, paths)))
     return ReceiverLog(no_measurements(), events=events, solution=table)
 
 
@@ -135,7 +137,7 @@ def _is_whole(kind: str, cells: list[str]) -> bool:
     return kind in _READERS and len(cells) >= _LEAST_CELLS[kind]
 
 
-def _add_file(data: bytes, found: _Sentences) -> None:
+def _add_file(data: bytes, sentences: _Sentences) -> None:
     """Add the epochs of a file."""
     epoch: _NmeaEpoch | None = None
     whole = 0
@@ -148,23 +150,23 @@ def _add_file(data: bytes, found: _Sentences) -> None:
         cut = sound is None and kind in _READERS
         cut = cut and (body.partition(b",")[0] in checked or not _is_whole(kind, cells))
         if sound is False or cut:
-            found.damaged += 1
+            sentences.damaged += 1
             continue
         if kind not in _READERS:
-            found.others[kind] += 1
+            sentences.others[kind] += 1
             continue
-        found.unchecked += sound is None
+        sentences.unchecked += sound is None
         try:
             time_ns = _time_of_day_ns(cells[0])
             if epoch is None or time_ns != epoch.time_ns:
                 epoch = _NmeaEpoch(time_ns)
-                found.epochs.append(epoch)
+                sentences.epochs.append(epoch)
             _READERS[kind](epoch, cells)
         except _NoFixError:
-            found.without_fix += 1
+            sentences.without_fix += 1
         except (ValueError, IndexError):
-            found.damaged += 1
-    found.damaged += max(len(_BEGUN.findall(data)) - whole, 0)
+            sentences.damaged += 1
+    sentences.damaged += max(len(_BEGUN.findall(data)) - whole, 0)
 
 
 class _NoFixError(Exception):
@@ -262,21 +264,21 @@ def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> In
     return np.array(midnights, np.int64) + clock_ns
 
 
-def _events(found: _Sentences, by_model: int, file: str) -> list[Event]:
+def _events(sentences: _Sentences, by_model: int, file: str) -> list[Event]:
     counts = (
         ("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),
         (
             "nmea_unchecked",
-            found.unchecked,
+            sentences.unchecked,
             "sentences without a check sum read: damage that leaves them whole stays unnoticed; have the receiver or"
             " logger write check sums",
         ),
-        ("nmea_no_fix", found.without_fix, "sentences without a time or a fix of satellites left out"),
-        ("nmea_damaged", found.damaged, "sentences with a wrong check sum, cut or unreadable left out"),
+        ("nmea_no_fix", sentences.without_fix, "sentences without a time or a fix of satellites left out"),
+        ("nmea_damaged", sentences.damaged, "sentences with a wrong check sum, cut or unreadable left out"),
     )
     events = [not_independent("GGA and RMC, the receiver's fixes")]
     events += [Event(None, kind, f"{count} {what}") for kind, count, what in counts if count]
-    if found.others:
-        listed = ", ".join(f"{n} {kind}" for kind, n in sorted(found.others.items()))
+    if sentences.others:
+        listed = ", ".join(f"{n} {kind}" for kind, n in sorted(sentences.others.items()))
         events.append(Event(None, "nmea_not_used", f"sentences not read: {listed}"))
     return [Event(None, event.kind, f"{file}: {event.detail}") for event in events]

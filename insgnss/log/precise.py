@@ -73,13 +73,13 @@ def read_precise(paths: Sequence[Path], *, use_predicted: bool = True) -> tuple[
     NavigationDataError : a file is of another kind or cannot be read, or there is no orbit or no clock in any
     TimeError : a time system that is not known
     """
-    found = _ProductContents()
+    contents = _ProductContents()
     for path in paths:
         text = file_text(path)
         if text[:2] in ("#c", "#d", "#a", "#b"):
-            _collect_sp3(text, path, found, use_predicted)
+            _collect_sp3(text, path, contents, use_predicted)
         elif "RINEX VERSION / TYPE" in text[:400] and "C" in text[20:42]:
-            _collect_clocks(text, path, found)
+            _collect_clocks(text, path, contents)
         else:
             raise NavigationDataError(
                 "this is neither an SP3 file nor a RINEX clock file",
@@ -87,13 +87,13 @@ def read_precise(paths: Sequence[Path], *, use_predicted: bool = True) -> tuple[
                 advice="SP3 begins with '#c' or '#d', a RINEX clock file with its version and 'C'",
             )
     names = ", ".join(str(path) for path in paths)
-    clocks = found.sp3_clock | found.clock
-    for kind, nodes in (("orbit", found.orbit), ("clock", clocks)):
+    clocks = contents.sp3_clock | contents.clock
+    for kind, nodes in (("orbit", contents.orbit), ("clock", clocks)):
         if not any(nodes.values()):
             raise NavigationDataError(
                 f"no usable {kind}", file=names, advice="give SP3 files of the flight's day"
             )
-    return _products(found.orbit, clocks), found.events
+    return _products(contents.orbit, clocks), contents.events
 
 
 def _products(orbit: dict[str, _Nodes], clocks: dict[str, _Nodes]) -> PreciseProducts:
@@ -116,13 +116,13 @@ def _times(nodes: dict[str, _Nodes]) -> Int64:
 # ------------------------------------------------------------------------------------------------------------- SP3
 
 
-def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: bool) -> None:
-    product = _parsed_sp3(text, path, found)
+def _collect_sp3(text: str, path: Path, contents: _ProductContents, use_predicted: bool) -> None:
+    product = _parsed_sp3(text, path, contents)
     times = [_gps_ns(instant, path) for instant in product.epoch_instants]
     declared = product.declared_epoch_count
     if declared is not None and declared > len(times):
         detail = f"{path}: {len(times)} of {declared} epochs: the file is cut short"
-        found.events.append(Event(times[-1] if times else None, "precise_cut", detail))
+        contents.events.append(Event(times[-1] if times else None, "precise_cut", detail))
     orbit: dict[str, _Nodes] = {}
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
@@ -130,7 +130,7 @@ def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: 
     undated = times.count(NO_DATE)
     if undated:
         detail = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
-        found.events.append(Event(None, "precise_damaged", detail))
+        contents.events.append(Event(None, "precise_damaged", detail))
     for k, t_ns in enumerate(times):
         if t_ns == NO_DATE:
             continue
@@ -145,10 +145,10 @@ def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: 
     if predicted:
         used = "used" if use_predicted else "left out"
         detail = f"{path}: predicted values {used} from here on ({len(predicted)} records)"
-        found.events.append(Event(min(predicted), "precise_predicted", detail))
-    _leave_out_flagged(flagged, path, found)
-    _merge(found.orbit, orbit, 1.0, path, "orbit", found)
-    _merge(found.sp3_clock, clock, C_MPS, path, "clock", found)
+        contents.events.append(Event(min(predicted), "precise_predicted", detail))
+    _leave_out_flagged(flagged, path, contents)
+    _merge(contents.orbit, orbit, 1.0, path, "orbit", contents)
+    _merge(contents.sp3_clock, clock, C_MPS, path, "clock", contents)
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _records(product: Any, epoch: int) -> Iterable[tuple[str, Float64 | None, fl
         yield name, np.asarray(state.position_m, dtype=np.float64), state.clock_s, state
 
 
-def _parsed_sp3(text: str, path: Path, found: _ProductContents) -> Any:
+def _parsed_sp3(text: str, path: Path, contents: _ProductContents) -> Any:
     """Return the parsed product; where lines are damaged, that of the others."""
     try:
         return sidereon.load_sp3(text.encode())
@@ -188,7 +188,7 @@ def _parsed_sp3(text: str, path: Path, found: _ProductContents) -> Any:
             file=path,
             advice="SP3-c and SP3-d are read; older versions (#a, #b) have to be converted",
         ) from error
-    found.events += first_events(
+    contents.events += first_events(
         damaged,
         lambda line: Event(None, "precise_damaged", f"{path}:{line}: not readable; left out"),
         path,
@@ -199,7 +199,7 @@ def _parsed_sp3(text: str, path: Path, found: _ProductContents) -> Any:
 
 def _sound_sp3(text: str) -> tuple[str, list[int]]:
     """Return the text without damaged epochs and records, and the numbers of the lines left out."""
-    kept: list[str] = []
+    sound_lines: list[str] = []
     damaged: list[int] = []
     epoch_is_sound = True
     for number, line in enumerate(text.splitlines(), 1):
@@ -208,10 +208,10 @@ def _sound_sp3(text: str) -> tuple[str, list[int]]:
         sound = epoch_is_sound and (not line.startswith("P") or _is_position(line))
         sound &= not line.startswith(("V", "E")) or line.startswith("EOF") or len(line) >= 60
         if sound:
-            kept.append(line)
+            sound_lines.append(line)
         else:
             damaged.append(number)
-    return "\n".join(kept) + "\n", damaged
+    return "\n".join(sound_lines) + "\n", damaged
 
 
 def _is_position(line: str) -> bool:
@@ -226,7 +226,7 @@ def _is_position(line: str) -> bool:
 
 
 def _leave_out_flagged(
-    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, found: _ProductContents
+    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, contents: _ProductContents
 ) -> None:
     """Remove the flagged nodes and those around them, so that the gap is too wide to be bridged."""
     for nodes, name, t_ns in flagged:
@@ -234,7 +234,7 @@ def _leave_out_flagged(
         for t in [t for t in of_one if 2 * abs(t - t_ns) <= WIDEST_STEP_NS]:
             del of_one[t]
         detail = f"{path}: {name}: manoeuvre or clock event; 11 min before and after are left out"
-        found.events.append(Event(t_ns, "precise_flagged", detail))
+        contents.events.append(Event(t_ns, "precise_flagged", detail))
 
 
 def _merge(
@@ -243,7 +243,7 @@ def _merge(
     metres: float,
     path: Path,
     what: str,
-    found: _ProductContents,
+    contents: _ProductContents,
 ) -> None:
     """Add nodes that are not there yet; report how many were, and how far off the new ones are."""
     repeated, farthest_m = [], 0.0
@@ -258,13 +258,13 @@ def _merge(
             f"{path}: {len(repeated)} {what} node(s) are in an earlier file too, up to {farthest_m:.3f} m apart; "
             "the earlier file is used"
         )
-        found.events.append(Event(min(repeated), "precise_overlap", detail))
+        contents.events.append(Event(min(repeated), "precise_overlap", detail))
 
 
 # ---------------------------------------------------------------------------------------------------- RINEX clock
 
 
-def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
+def _collect_clocks(text: str, path: Path, contents: _ProductContents) -> None:
     try:
         product = sidereon.parse_rinex_clock_lossy(text)
     except (sidereon.SidereonError, ValueError) as error:
@@ -272,7 +272,7 @@ def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
     if product.diagnostic_count:
         first = product.diagnostics[0]
         detail = f"{path}:{first.line}: {product.diagnostic_count} line(s) not readable; left out"
-        found.events.append(Event(None, "precise_damaged", detail))
+        contents.events.append(Event(None, "precise_damaged", detail))
     clock: dict[str, _Nodes] = {}
     for series in product.series:
         if np.all(series.gps_seconds_valid):
@@ -284,7 +284,7 @@ def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
         clock[series.satellite] = dict(
             zip(t_ns[finite].tolist(), series.bias_s[finite].tolist(), strict=True)
         )
-    _merge(found.clock, clock, C_MPS, path, "clock", found)
+    _merge(contents.clock, clock, C_MPS, path, "clock", contents)
 
 
 def _gps_ns(instant: Any, path: Path) -> int:

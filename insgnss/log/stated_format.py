@@ -44,11 +44,11 @@ def with_stated_format_of_antenna(antenna: FurtherAntenna, main: Gnss) -> Furthe
         return antenna
     stated = _stated(antenna.files[0])
     like_table = stated in _LIKE_TABLES and "columns" in main.model_fields_set
-    found = _DECLARED.get(stated) if stated is not None and not like_table else None
+    log_format = _DECLARED.get(stated) if stated is not None and not like_table else None
     default: LogFormat = (
         main.format if "format" in main.model_fields_set else Gnss.model_fields["format"].default
     )
-    return antenna.model_copy(update={"format": found or default})
+    return antenna.model_copy(update={"format": log_format or default})
 
 
 @contextmanager

@@ -66,22 +66,22 @@ def _blocks(path: Path, shown: Path) -> list[tuple[int, dict[str, float]]]:
     """Return the satellites, each with the line on which it begins."""
     blocks: list[tuple[int, dict[str, float]]] = []
     for number, line in enumerate(path.read_text(encoding="ascii", errors="replace").splitlines(), 1):
-        found = _LINE.match(line)
-        label = found[1].lower() if found else ""
+        match = _LINE.match(line)
+        label = match[1].lower() if match else ""
         name = next((_LABELS[begin] for begin in _LABELS if label.startswith(begin)), None)
-        if found is None or name is None:
+        if match is None or name is None:
             continue
         try:
-            value = float(found[2])
+            value = float(match[2])
             least, most = _LIMITS.get(name, (-_LARGEST, _LARGEST))
             if not least <= value <= most:
                 raise ValueError(value)
         except ValueError:
             raise InputError(
-                f"'{found[2]}' is not a valid almanac value",
+                f"'{match[2]}' is not a valid almanac value",
                 file=shown,
                 line=number,
-                column=found[1],
+                column=match[1],
                 advice="copy the file again",
             ) from None
         if name == "id":
