@@ -94,16 +94,16 @@ class FilterEngine:
     def _process(self, now_ns: int) -> None:
         """Use what has arrived; before a cut wait for the epochs that may still come from the time before it."""
         while self._arrived:
-            found = self._arrived[0]
-            if isinstance(found, Cut) and now_ns <= found.last_ns + self._latency_ns:
+            item = self._arrived[0]
+            if isinstance(item, Cut) and now_ns <= item.last_ns + self._latency_ns:
                 return
             self._arrived.popleft()
-            if isinstance(found, Event):
-                self._done.append(found)
-            elif isinstance(found, Cut):
-                self._cut(found)
+            if isinstance(item, Event):
+                self._done.append(item)
+            elif isinstance(item, Cut):
+                self._cut(item)
             else:
-                self._accept(found)
+                self._accept(item)
 
     def _accept(self, sample: Sample) -> None:
         """Take a sample that has been found sound."""
@@ -272,11 +272,11 @@ class FilterEngine:
         while self._waiting and tag_of(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
             self._insert(self._waiting.pop(0))
         self._use_own_rows(last_ns)
-        kept = self._navigator.leave(self._samples.view())
+        carried = self._navigator.leave(self._samples.view())
         self._own.keep(self._navigator.own, (self._first_ns, last_ns))
         self._close(last_ns)
         self._samples.clear()
-        self._begin(None if kept is None else kept_over(kept, cut))
+        self._begin(None if carried is None else kept_over(carried, cut))
 
     def _set_back(self) -> None:
         """Restart after wrong tags: the filter that they produced is dropped."""
@@ -388,7 +388,7 @@ class FilterEngine:
         banks = [
             *self._navigator.banks,
             *self._navigator.health.past.banks,
-            *(bank for kept in self._kept for bank in kept.saved.banks),
+            *(bank for checkpoint in self._kept for bank in checkpoint.saved.banks),
         ]
         if self._live is not None:
             banks.append(self._live)

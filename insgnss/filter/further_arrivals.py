@@ -68,10 +68,10 @@ class FurtherArrivals:
                 key="carrier_cycles",
                 advice="hand the carrier phases on with the observations",
             )
-        kept, t_ns = self._epochs[number - 1], tag_of(epoch)
-        at = bisect_left(kept, t_ns, key=tag_of)
-        known = [e for e in kept[at : at + 1] if tag_of(e) == t_ns]
-        kept[at : at + len(known)] = [joined([*known, epoch])]
+        epochs, t_ns = self._epochs[number - 1], tag_of(epoch)
+        at = bisect_left(epochs, t_ns, key=tag_of)
+        known = [e for e in epochs[at : at + 1] if tag_of(e) == t_ns]
+        epochs[at : at + len(known)] = [joined([*known, epoch])]
 
     def phases(self, main: GnssTable, rows: GnssRows, mains_ns: Int64) -> PhaseLog:
         """Return the phases of all antennas of a main epoch; ``mains_ns`` are the time tags of all main epochs."""

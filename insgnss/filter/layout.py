@@ -241,12 +241,12 @@ class Layout:
         """What one of the unit of each column is in SI units."""
         return [block.si_per_unit for block in self.blocks if block.shown for _ in block.columns]
 
-    def in_columns(self, found: Float64) -> dict[str, Float64]:
+    def in_columns(self, values: Float64) -> dict[str, Float64]:
         """Return values and sigmas (..., 2 k) of the states shown, SI units, by their columns in ``nav``."""
-        sigmas = found[..., self.n_shown :]
+        sigmas = values[..., self.n_shown :]
         named: dict[str, Float64] = {}
         for i, (name, unit) in enumerate(zip(self.columns, self.units, strict=True)):
-            named |= {name: found[..., i] / unit, f"sd_{name}": sigmas[..., i] / unit}
+            named |= {name: values[..., i] / unit, f"sd_{name}": sigmas[..., i] / unit}
         return named
 
     @cached_property
@@ -255,12 +255,12 @@ class Layout:
 
         Those of one axis of a sensor stand together.
         """
-        found = [
+        entries = [
             (self.at(block.name) + i, *one.places)
             for block in self.blocks
             for i, one in enumerate(block.couples)
         ]
-        return sorted(found, key=lambda coupling: coupling[1:3])
+        return sorted(entries, key=lambda coupling: coupling[1:3])
 
     @cached_property
     def sensor_states(self) -> dict[int, float]:

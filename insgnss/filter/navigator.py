@@ -216,19 +216,19 @@ class Navigator:
         if self.bank is None:
             self.trial = None
         elif self.trial is trial:
-            found = trial.update(self.bank, imu, rows, epoch, self._parameters)
-            if found is not None:
-                self._refuse_start(t_ns, found)
+            bank = trial.update(self.bank, imu, rows, epoch, self._parameters)
+            if bank is not None:
+                self._refuse_start(t_ns, bank)
             elif trial.over:
                 self.trial = None
 
-    def _refuse_start(self, t_ns: int, found: Bank) -> None:
+    def _refuse_start(self, t_ns: int, bank: Bank) -> None:
         """Replace the given start by its alternatives."""
         assert self.bank is not None
-        self.events.append(refusal(t_ns, self.bank, found))
-        self.bank, self.trial = found, None
+        self.events.append(refusal(t_ns, self.bank, bank))
+        self.bank, self.trial = bank, None
         self.health.forget()
-        found.head["renewed_ns"] = t_ns
+        bank.head["renewed_ns"] = t_ns
         self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> None:

@@ -147,16 +147,16 @@ def _members(
         place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
         place_turning(m, P, par, antenna)
         given[i] = rows_at_their_time(kinds, estimate, layout, m, P, par, antenna)
-    kept = [j for j in range(len(kinds)) if all(rows[j] for rows in given.values())]
+    common = [j for j in range(len(kinds)) if all(rows[j] for rows in given.values())]
     members = {}
-    for i, found in given.items():
+    for i, member_rows in given.items():
         P = bank.P[i]
-        rows = [(kinds[j], _bent(row, P)) for j in kept for row in found[j]]
+        rows = [(kinds[j], _bent(row, P)) for j in common for row in member_rows[j]]
         variance = np.array(
             [row.single_variance + predicted_variance(P, row.h, row.columns) for _, row in rows]
         )
         members[i] = _Member(rows, variance, antennas[i])
-    return members, [kinds[j] for j in kept]
+    return members, [kinds[j] for j in common]
 
 
 def _bent(row: CheckedRow, P: Float64) -> CheckedRow:

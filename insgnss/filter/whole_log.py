@@ -116,23 +116,23 @@ def run_blocks(
     passage = _Passage(blocks, out)
     events: list[Event] = list(samples.events)
     started = False
-    kept: CarriedState | None = None
-    found: dict[int, list[OwnEntry]] = {}
+    carried: CarriedState | None = None
+    own_by_time: dict[int, list[OwnEntry]] = {}
     spans_ns: list[tuple[int, int]] = []
     smoothers: list[Smoother] = []
     for part, cut in samples.stretches():
-        kept = kept if cut is None else kept_over(kept, cut)
+        carried = carried if cut is None else kept_over(carried, cut)
         if len(part.t_ns) < 2:
             continue
         spans_ns.append((int(part.t_ns[0]), int(part.t_ns[-1])))
         e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         passage.without_imu(int(e0))
         navigator = Navigator(setup)
-        navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
+        navigator.starter.begin(given=setup.start is not None and not started, carried=carried)
         smoother = Smoother(navigator, part, further) if smooth else None
         first = int(out.counts[0].nav)
-        if smoothers and kept is not None:
-            smoothers[-1].end_before(kept.cut)
+        if smoothers and carried is not None:
+            smoothers[-1].end_before(carried.cut)
         for rows, begin, end, written in passage.until(int(e1)):
             if smoother is not None:
                 smoother.forward(rows, begin, end, written)
@@ -141,14 +141,14 @@ def run_blocks(
             else:
                 navigator.run(part, rows, begin, end, written)
         _after_the_epochs(navigator, part, further, no_rows, out)
-        found |= navigator.own
+        own_by_time |= navigator.own
         if filtered is not None:
             filtered.append(out.nav[first : out.counts[0].nav].copy())
         if smoother is not None and navigator.started_ns is not None:
             smoothers.append(smoother)
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
-        kept = navigator.leave(part)
+        carried = navigator.leave(part)
         started = started or navigator.started_ns is not None
     passage.without_imu(n_epochs)
     if not started:
@@ -156,7 +156,7 @@ def run_blocks(
     if smoothers:
         smooth_back(smoothers, times if len(times) else epoch_ns, out)
     if own is not None and setup.own is not None:
-        own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
+        own += complete_ledger(setup.own, own_by_time, spans_ns, (-(2**62), 2**62))
     return out, passage.ledger or [LedgerPart(*new_ledger(no_rows))], events
 
 

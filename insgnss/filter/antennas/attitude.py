@@ -105,8 +105,8 @@ class AttitudeAid:
             return bank, 0
         rows = np.arange(phases.first[epoch], phases.first[epoch + 1])
         m, P = bank.state[bank.head[0].leader], bank.P[bank.head[0].leader]
-        kept, doubt = self._usable(self.log, rows, m, P, par)
-        d = form_differences(phases, kept, self.data.antennas, m.r_e, m.v_e, doubt)
+        usable, doubt = self._usable(self.log, rows, m, P, par)
+        d = form_differences(phases, usable, self.data.antennas, m.r_e, m.v_e, doubt)
         self._forget(phases, d, rows, t_ns)
         if not len(d.b):
             return bank, 0
@@ -121,10 +121,10 @@ class AttitudeAid:
         if not any(key in memory.cycles for key in d.keys):
             if t_ns < memory.next_search_ns:
                 return bank, 0
-            found = self._search(bank, d, l_b, t_ns)
-            if found is None:
+            fix = self._search(bank, d, l_b, t_ns)
+            if fix is None:
                 return bank, 0
-            bank = seeded(bank, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
+            bank = seeded(bank, fix.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
         lead = bank.head[0].leader
         return bank, self._update(
             bank.state[lead], bank.P[lead], d, l_b, ledger, self._spread(bank), par, t_ns
@@ -179,20 +179,20 @@ class AttitudeAid:
         priors, C_ne = priors_of(bank, anywhere=memory.is_lost)
         priors = wound_up(priors, d, self.data.antennas, C_ne)
         rows = DifferenceRows(l_b, d.u_e @ C_ne.T, d.value_m, d.wavelength_m, d.white + d.slow, d.clock)
-        found = find_cycles(rows, priors, self.data.ratio)
-        if not found.is_valid:
+        fix = find_cycles(rows, priors, self.data.ratio)
+        if not fix.is_valid:
             memory.candidate, memory.confirmed = {}, 0
             memory.failures += 1
             pause_s = min(_SHORTEST_PAUSE_S * 2.0 ** (memory.failures - _FAILURES_AT_ONCE), _LONGEST_PAUSE_S)
             if memory.failures > _FAILURES_AT_ONCE:
                 memory.next_search_ns = t_ns + int(pause_s * NS_PER_S)
-            memory.misfits = 0 if found.fits else memory.misfits + 1
-            if memory.misfits == _MISFITS and math.isfinite(found.loss):
+            memory.misfits = 0 if fix.fits else memory.misfits + 1
+            if memory.misfits == _MISFITS and math.isfinite(fix.loss):
                 self._try_other_orders(rows, d, bank, t_ns)
-            self._wait(t_ns, found.reason)
+            self._wait(t_ns, fix.reason)
             return None
         memory.misfits, memory.failures = 0, 0
-        now = dict(zip(d.keys, found.cycles.tolist(), strict=True))
+        now = dict(zip(d.keys, fix.cycles.tolist(), strict=True))
         alike = bool(memory.candidate) and _agree(memory.candidate, now, d)
         memory.confirmed = memory.confirmed + 1 if alike else 1
         memory.candidate = now
@@ -200,17 +200,17 @@ class AttitudeAid:
             return None
         memory.cycles, memory.candidate, memory.confirmed, memory.is_lost = now, {}, 0, False
         memory.waits_for = ""
-        self._tell_found(found, d, t_ns)
-        return found
+        self._tell_found(fix, d, t_ns)
+        return fix
 
-    def _tell_found(self, found: CycleFix, d: Differences, t_ns: int) -> None:
-        yaw = math.degrees(math.atan2(found.C_nb[1, 0], found.C_nb[0, 0])) % 360.0
+    def _tell_found(self, fix: CycleFix, d: Differences, t_ns: int) -> None:
+        yaw = math.degrees(math.atan2(fix.C_nb[1, 0], fix.C_nb[0, 0])) % 360.0
         satellites = len({sv for _, _, (sv, _) in d.keys})
         self._tell(
             t_ns,
             "attitude_found",
             f"whole cycles of {len(d.b)} differences of {satellites} satellites: heading {yaw:.2f} deg, loss"
-            f" {found.loss:.1f}, the second-best solution's loss is {found.ratio:.1f} times as large",
+            f" {fix.loss:.1f}, the second-best solution's loss is {fix.ratio:.1f} times as large",
         )
 
     def _try_other_orders(self, rows: DifferenceRows, d: Differences, bank: Bank, t_ns: int) -> None:
@@ -369,7 +369,7 @@ def _agree(before: dict[Key, int], now: dict[Key, int], d: Differences) -> bool:
             offsets.setdefault(clock, set()).add(now[key] - before[key])
     if not offsets:
         return False
-    return all(len(found) == 1 and (clock >= 0 or found == {0}) for clock, found in offsets.items())
+    return all(len(of_clock) == 1 and (clock >= 0 or of_clock == {0}) for clock, of_clock in offsets.items())
 
 
 def _innovations(

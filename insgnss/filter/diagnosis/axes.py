@@ -54,13 +54,15 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     jumps = [size * sigma for size in _SIZES]
     n_failed = int(math.log(widest / jumps[-1]) / math.log(_STEP) + 1e-6)
     failed = [jumps[-1] * _STEP ** (k + 1) for k in range(n_failed)]
-    found = {}
+    log_ratios = {}
     for axes in _SETS:
         J_of, h_of = J[np.ix_(axes, axes)], h[list(axes)]
-        found[axes] = _log_ratio(J_of, h_of, jumps) - wide
+        log_ratios[axes] = _log_ratio(J_of, h_of, jumps) - wide
         if failed:
-            found[axes] = float(np.logaddexp(found[axes], _RARER + _log_ratio(J_of, h_of, failed) - wide))
-    return found
+            log_ratios[axes] = float(
+                np.logaddexp(log_ratios[axes], _RARER + _log_ratio(J_of, h_of, failed) - wide)
+            )
+    return log_ratios
 
 
 def _log_ratio(J: Float64, h: Float64, sizes: Sequence[float]) -> float:

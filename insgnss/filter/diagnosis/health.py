@@ -206,15 +206,15 @@ class FilterHealth:
     ) -> Remedy:
         """Let an epoch say whether the filter is lost, and set it right when that is clear."""
         t_ns = int(rows.epoch_ns[epoch])
-        found = doubt.take(bank, imu, rows, epoch, parameters, out)
+        new_bank = doubt.take(bank, imu, rows, epoch, parameters, out)
         if doubt.over:
             self.doubt = None
-        if found is None:
+        if new_bank is None:
             return Remedy(bank, [])
         remedy = self._second_look(bank, imu, t_ns, parameters)
         if remedy.bank is not bank:
             return remedy
-        done = self._set_right(bank, found, doubt, t_ns)
+        done = self._set_right(bank, new_bank, doubt, t_ns)
         return done._replace(events=remedy.events + done.events)
 
     def _second_look(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
@@ -224,14 +224,14 @@ class FilterHealth:
         bank.head["doubted_ns"] = t_ns
         return self.suspect(bank, imu, t_ns, parameters)
 
-    def _set_right(self, bank: Bank, found: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
+    def _set_right(self, bank: Bank, new_bank: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
         """Replace the filter by the copy that the rows support; restart if that does not last."""
         health = self.setup.config.health
         self.past = self.past.forgotten()
-        found.head["renewed_ns"] = t_ns
+        new_bank.head["renewed_ns"] = t_ns
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
         self.resets_ns = [*recent, t_ns]
-        moved_m = float(np.linalg.norm(found.state["r_e"][0] - bank.state["r_e"][0]))
+        moved_m = float(np.linalg.norm(new_bank.state["r_e"][0] - bank.state["r_e"][0]))
         if len(self.resets_ns) > health.heading_lost_resets:
             return Remedy(bank, [], f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
         if moved_m / WGS84_A_M > _WRONG_VERTICAL_RAD:  # by so much the vertical turns with the position
@@ -239,7 +239,7 @@ class FilterHealth:
                 f"the fix is {moved_m / 1000.0:.0f} km away: roll and pitch, levelled here, do not hold there"
             )
             return Remedy(bank, [], far)
-        return Remedy(found, [reset_in_words(t_ns, bank, found, doubt)])
+        return Remedy(new_bank, [reset_in_words(t_ns, bank, new_bank, doubt)])
 
     def _creeping(self, bank: Bank, t_ns: int) -> list[Event]:
         news = tuple(slot for slot in left_out(bank, t_ns) if self._is_news(f"left out {slot}", t_ns))

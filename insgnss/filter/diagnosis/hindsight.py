@@ -157,13 +157,13 @@ class Hindsight:
         explains much: it must be clearly likelier, or late time tags would pass for it. Without a fault it is not
         tried. ``widths`` of the jumps: by default the largest.
         """
-        found = self._over_onsets(suspect, widths, 0.0)
-        best = max(map(_log_likelihood, found), default=-math.inf)
+        verdicts = self._over_onsets(suspect, widths, 0.0)
+        best = max(map(_log_likelihood, verdicts), default=-math.inf)
         jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_together(suspect))
         if not jumps or best < self.as_it_was + CLEAR:
-            return found
+            return verdicts
         between = self._over_onsets(suspect, widths, _APART_S)
-        return between if max(map(_log_likelihood, between), default=best) > best + CLEAR else found
+        return between if max(map(_log_likelihood, between), default=best) > best + CLEAR else verdicts
 
     def _over_onsets(self, suspect: str, widths: Widths | None, later_s: float) -> list[Verdict]:
         """Return the results for a fault up to ``later_s`` after each onset; the distance to the next if that is less.
@@ -171,7 +171,7 @@ class Hindsight:
         Of the older ones every other is tried. A force that jumps shows at once: an onset that is some seconds wrong
         costs an accelerometer more likelihood than a gyro, whose fault shows with the square of time.
         """
-        found: dict[int, list[Verdict]] = {}
+        by_onset: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
 
         def look(onsets_ns: Iterable[int], within_s: float) -> None:
@@ -186,17 +186,17 @@ class Hindsight:
                 if verdict is not None:
                     fits = verdict.fits and self.plausible(verdict.bank, largest)
                     verdict = verdict._replace(fits=fits, onset_ns=onset_ns, later_s=within_s)
-                    found[onset_ns] = self.of_axes(verdict, largest)
+                    by_onset[onset_ns] = self.of_axes(verdict, largest)
 
         onsets_ns = [_now_ns(bank) for bank in self.before[:-1]]
         young_ns = self.end_ns - _YOUNG_S * NS_PER_S
         look((*onsets_ns[::2], *(t_ns for t_ns in onsets_ns if t_ns > young_ns)), later_s)
         for _ in range(_HALVINGS):
-            if found:
-                best_ns = max(found, key=lambda t: found[t][0].log_likelihood)
+            if by_onset:
+                best_ns = max(by_onset, key=lambda t: by_onset[t][0].log_likelihood)
                 for onset_ns in _halfway(best_ns, sorted(tried)):
                     look((onset_ns,), min(abs(onset_ns - best_ns) / NS_PER_S, later_s))
-        return [verdict for verdicts in found.values() for verdict in verdicts]
+        return [verdict for verdicts in by_onset.values() for verdict in verdicts]
 
     def largest_jumps(self, onset_ns: int) -> Widths:
         """Return the widths of the largest jumps that began at ``onset_ns``."""
@@ -293,17 +293,17 @@ class Hindsight:
 
         def hear(sets: Iterable[tuple[int, ...]]) -> None:
             new = [each for each in dict.fromkeys(sets) if each not in heard and len(each) <= most]
-            found = pool.map(partial(self.leaving_out, starts[0]), new)
+            results = pool.map(partial(self.leaving_out, starts[0]), new)
             heard.update(
-                {each: result for each, result in zip(new, found, strict=True) if result is not None}
+                {each: result for each, result in zip(new, results, strict=True) if result is not None}
             )
 
         alone = singles(self.base, int(starts[0].head[0].now_ns))
         hear((*alone, *run_away_sets(self.base, self.end_ns)))
         for size in range(1, MOST_SATELLITES):
-            of_size = [found for satellites, found in heard.items() if len(satellites) == size]
+            of_size = [entry for satellites, entry in heard.items() if len(satellites) == size]
             if of_size:
-                verdict, written = max(of_size, key=lambda found: found[0].log_likelihood)
+                verdict, written = max(of_size, key=lambda entry: entry[0].log_likelihood)
                 rest = [each for (each,) in alone if each not in verdict.satellites]
                 rest.sort(key=lambda each: -ramp_evidence(written, each, self.parameters[0]))
                 hear(tuple(sorted((*verdict.satellites, each))) for each in rest[: _NEXT[size]])
@@ -318,9 +318,9 @@ class Hindsight:
         rows, since_ns = WrittenRows(written), _now_ns(start)
         if since_ns not in self.since:
             self.since[since_ns] = WrittenRows([w for w in self.base if w.t_ns > since_ns])
-        found = ramps(self.since[since_ns], rows, satellites, self.parameters[0])
-        total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in found)
-        rates = tuple(each.rate_mps for each in found)
+        satellite_ramps = ramps(self.since[since_ns], rows, satellites, self.parameters[0])
+        total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in satellite_ramps)
+        rates = tuple(each.rate_mps for each in satellite_ramps)
         return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), rows
 
     def stretches_without(self, satellites: tuple[int, ...]) -> EpochRanges:

@@ -84,12 +84,12 @@ def _step(
         y[j] = line.innovation[kind] - h @ correction[columns]
     H[:, CLOCK + kind] = 0.0  # whatever the clock is off by, all rows have in common
     variance = refused["variance"][:, kind] + (_BLUR * np.median(y)) ** 2
-    kept, w = _agreeing(H @ P @ H.T + np.diag(variance), y, gate2)
-    witnesses = len(np.unique(sv_refused[kept]))
+    agreeing, w = _agreeing(H @ P @ H.T + np.diag(variance), y, gate2)
+    witnesses = len(np.unique(sv_refused[agreeing]))
     if witnesses < AGREEMENT * judged:
         return None
-    own = float(w**2 @ variance[kept]) + STEP_FLOOR[kind] ** 2
-    return ClockStep(kind, float(w @ y[kept]), w @ H[kept], own, witnesses, judged)
+    own = float(w**2 @ variance[agreeing]) + STEP_FLOOR[kind] ** 2
+    return ClockStep(kind, float(w @ y[agreeing]), w @ H[agreeing], own, witnesses, judged)
 
 
 def _agreeing(S: Float64, y: Float64, gate2: float) -> tuple[Integers, Float64]:
@@ -99,20 +99,20 @@ def _agreeing(S: Float64, y: Float64, gate2: float) -> tuple[Integers, Float64]:
     Of a set that does not agree the one goes whose absence leaves the smallest q. A common error of any size in ``S``
     changes neither w nor q.
     """
-    kept: Integers = np.arange(len(y))
-    w, q = _common(S, y, kept)
-    while q > gate2 + len(kept) - 2:
-        without = [np.delete(kept, i) for i in range(len(kept))]
-        kept = min(without, key=lambda k: _common(S, y, k)[1])
-        w, q = _common(S, y, kept)
-    return kept, w
+    agreeing: Integers = np.arange(len(y))
+    w, q = _common(S, y, agreeing)
+    while q > gate2 + len(agreeing) - 2:
+        without = [np.delete(agreeing, i) for i in range(len(agreeing))]
+        agreeing = min(without, key=lambda k: _common(S, y, k)[1])
+        w, q = _common(S, y, agreeing)
+    return agreeing, w
 
 
-def _common(S: Float64, y: Float64, kept: Integers) -> tuple[Float64, float]:
-    block, ones = S[np.ix_(kept, kept)], np.ones(len(kept))
+def _common(S: Float64, y: Float64, rows: Integers) -> tuple[Float64, float]:
+    block, ones = S[np.ix_(rows, rows)], np.ones(len(rows))
     w = np.linalg.solve(block, ones)
     w /= w.sum()
-    rest = y[kept] - w @ y[kept]
+    rest = y[rows] - w @ y[rows]
     return w, float(rest @ np.linalg.solve(block, rest))
 
 

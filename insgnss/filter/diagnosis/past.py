@@ -78,8 +78,8 @@ class FilterHistory:
             return replace(self, epochs=epochs)
         banks = (*self.banks, copy_bank(bank))[-_KEPT:]
         oldest_ns = int(banks[0].head[0].now_ns)
-        kept = tuple(e for e in epochs if int(e.rows.epoch_ns[e.last - 1]) > oldest_ns)
-        return replace(self, banks=banks, epochs=kept)
+        recent = tuple(e for e in epochs if int(e.rows.epoch_ns[e.last - 1]) > oldest_ns)
+        return replace(self, banks=banks, epochs=recent)
 
     def judged(self) -> tuple[FilterHistory, tuple[int, int] | None]:
         """Return the past to rerun now, the end of the judgement and the last epoch; None if it is too short.

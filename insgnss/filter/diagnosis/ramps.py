@@ -136,7 +136,7 @@ def of_wrong_rates(written: list[EpochLog], par: Parameters) -> float:
     spreads = _spreads(par, RANGE_RATE, step_s)
     slots = np.unique(np.concatenate([epoch.slot for epoch in written]))
     e, P = np.zeros((len(_WRONG_MPS), len(slots))), np.zeros((len(_WRONG_MPS), len(slots)))
-    found = np.zeros(len(_WRONG_MPS))
+    log_likelihood = np.zeros(len(_WRONG_MPS))
     for epoch, dt_s, spread in zip(written, step_s, spreads, strict=True):
         rates = epoch.of_kind(RANGE_RATE)
         own = rates.status == DRIFTING
@@ -147,10 +147,10 @@ def of_wrong_rates(written: list[EpochLog], par: Parameters) -> float:
         S = P[:, at] + D + spread * noise
         gain = P[:, at] / S
         rest = y - e[:, at]
-        found -= 0.5 * np.sum(charge(rest**2 / S, S, noise, spread), axis=1)
+        log_likelihood -= 0.5 * np.sum(charge(rest**2 / S, S, noise, spread), axis=1)
         e[:, at] += gain * rest
         P[:, at] *= 1.0 - gain
-    return float(np.logaddexp.reduce(found)) - math.log(len(_WRONG_MPS))
+    return float(np.logaddexp.reduce(log_likelihood)) - math.log(len(_WRONG_MPS))
 
 
 def _cost(shown: _SatelliteInnovations, rest: Float64, par: Parameters) -> Float64:
@@ -181,9 +181,13 @@ def _own_noise(rows: KindColumns) -> Float64:
 def _ramp(shown: list[_SatelliteInnovations], base: list[EpochLog], par: Parameters) -> Ramp:
     """Return the ramp of a satellite; the carrier runs away, too, or it does not."""
     in_view = len({int(k) for k in base[-1].slot // N_BANDS})
-    found = [_of_one(shown, carrier_too, par) for carrier_too in (True, False)] if shown else [Ramp(0.0, 0.0)]
-    every = float(np.logaddexp.reduce([each.log_likelihood for each in found])) - math.log(len(found))
-    rate = max(found, key=lambda each: each.log_likelihood).rate_mps
+    alternatives = (
+        [_of_one(shown, carrier_too, par) for carrier_too in (True, False)] if shown else [Ramp(0.0, 0.0)]
+    )
+    every = float(np.logaddexp.reduce([each.log_likelihood for each in alternatives])) - math.log(
+        len(alternatives)
+    )
+    rate = max(alternatives, key=lambda each: each.log_likelihood).rate_mps
     return Ramp(every - math.log(max(in_view, 1)), rate)  # it could have been any of them
 
 
@@ -199,11 +203,11 @@ def _of_one(shown: list[_SatelliteInnovations], carrier_too: bool, par: Paramete
     a = sum(np.sum(k**2 / each.widened, axis=1) for k, each in zip(h, shown, strict=True))
     y = sum(k @ (each.innovation / each.widened) for k, each in zip(h, shown, strict=True))
     rate = y / (a + _RATE_MPS**-2)
-    found = -0.5 * (rate**2 / _RATE_MPS**2 + np.log(1.0 + a * _RATE_MPS**2))
+    log_likelihood = -0.5 * (rate**2 / _RATE_MPS**2 + np.log(1.0 + a * _RATE_MPS**2))
     for k, each in zip(h, shown, strict=True):
-        found -= 0.5 * np.sum(_cost(each, each.innovation - k * rate[:, None], par), axis=1)
-    every = float(np.logaddexp.reduce(found)) - math.log(_ONSETS)
-    return Ramp(every, float(rate[np.argmax(found)]))
+        log_likelihood -= 0.5 * np.sum(_cost(each, each.innovation - k * rate[:, None], par), axis=1)
+    every = float(np.logaddexp.reduce(log_likelihood)) - math.log(_ONSETS)
+    return Ramp(every, float(rate[np.argmax(log_likelihood)]))
 
 
 def _response(shown: _SatelliteInnovations, onset_s: Float64, carrier_too: bool) -> Float64:

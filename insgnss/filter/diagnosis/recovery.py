@@ -126,8 +126,8 @@ class RecoveryTest:
         """Return the logarithm of the filter's weight and of both groups of copies, (3,)."""
         weight = self.bank.state["log_weight"].reshape(_GROUPS, -1)
         top = weight.max(axis=1)
-        found: Float64 = top + np.log(np.exp(weight - top[:, None]).sum(axis=1))
-        return found
+        log_weights: Float64 = top + np.log(np.exp(weight - top[:, None]).sum(axis=1))
+        return log_weights
 
     def _verdict(self, t_ns: int, filter_bank: Bank) -> Bank | None:
         elapsed_s = (t_ns - self.since_ns) / NS_PER_S
@@ -196,11 +196,11 @@ class RecoveryTest:
 
     def _taken(self, filter_bank: Bank, members: Int64) -> Bank:
         """Return a group of copies as a bank of its own, at the filter's time."""
-        found = select_members(self.bank, members)
-        lead = int(found.head[0].leader)
-        found.head[:] = filter_bank.head
-        found.head["leader"] = lead
-        return found
+        bank = select_members(self.bank, members)
+        lead = int(bank.head[0].leader)
+        bank.head[:] = filter_bank.head
+        bank.head["leader"] = lead
+        return bank
 
 
 def open_doubt(
@@ -215,17 +215,17 @@ def open_doubt(
     bank = copy_bank(filter_bank)
     lever_b, sigma_m = np.array(setup.lever_arm_m), setup.config.process.inter_system_sigma_m
     for doubtful in (False, True):
-        found = copy_bank(filter_bank)
-        for m, P in zip(found.state, found.P, strict=True):
+        alternative = copy_bank(filter_bank)
+        for m, P in zip(alternative.state, alternative.P, strict=True):
             reinitialise_position(m, P, fix, lever_b, setup.layout, w_ib_b, sigma_m)
             tie_offsets(m, P, setup.layout.home, setup.config.process.qzss_offset_sigma_m)
             if doubtful:
                 inflate_bias_covariance(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)
-        found.memory[:] = -np.inf  # innovations about another position
-        found.state["log_weight"] += _LOG_PRIOR
-        found.state["explained"] = 0.0
-        found.state["suspicion"] = 0.0
-        bank = joined_banks(bank, found)
+        alternative.memory[:] = -np.inf  # innovations about another position
+        alternative.state["log_weight"] += _LOG_PRIOR
+        alternative.state["explained"] = 0.0
+        alternative.state["suspicion"] = 0.0
+        bank = joined_banks(bank, alternative)
     bank.head["more_than_headings"] = 1
     clear_failures(bank)
     return RecoveryTest(setup, bank, t_ns, fix, reason)

@@ -46,7 +46,7 @@ def reinitialise_position(
     beyond2 = sigma_beyond_m(layout.at(RANGE_BIASES) >= 0) ** 2
     lever_b = lever_of(m, lever_b, layout)
     states = [*range(DR, DR + 3), *range(DV, DV + 3), DRIFT]
-    kept = P[DV : DV + 3, DV : DV + 3].copy()
+    P_v = P[DV : DV + 3, DV : DV + 3].copy()
     P[states, :] = 0.0
     P[:, states] = 0.0
     l_e, turning = m.C_eb @ lever_b, np.cross(w_ib_b - m.b_g, lever_b)
@@ -64,7 +64,7 @@ def reinitialise_position(
         m.clock[1] = fix.drift
         P[DRIFT, DRIFT] = fix.drift_variance
     else:
-        P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
+        P[DV : DV + 3, DV : DV + 3] = P_v + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         P[DRIFT, DRIFT] = 10.0**2
     m.clone_ns = 0
     m.drift_moved[:] = 0.0

@@ -59,35 +59,35 @@ def with_fault(
     show on a straight. Velocity or attitude differ by C b t then, t uniform in between. Neglects: by what the position
     does.
     """
-    found = copy_bank(bank)
+    faulty_bank = copy_bank(bank)
     if suspect == NOISE:
-        found.state["noise_factor"][:, :CARRIER] *= risen2
-        return found
+        faulty_bank.state["noise_factor"][:, :CARRIER] *= risen2
+        return faulty_bank
     if suspect == RATES:
-        found.state["rates_out_ns"] = _FOR_GOOD_NS
-        return found
+        faulty_bank.state["rates_out_ns"] = _FOR_GOOD_NS
+        return faulty_bank
     if suspect in _LIE:
         lie_mps, lie_rad = _LIE[suspect]
         moved_s = 0.5 * _LIE_S
         for i in range(3):
-            found.P[0, PSI + i, PSI + i] += lie_rad**2
-            found.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += lie_mps**2 * np.outer(
+            faulty_bank.P[0, PSI + i, PSI + i] += lie_rad**2
+            faulty_bank.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += lie_mps**2 * np.outer(
                 [1.0, moved_s], [1.0, moved_s]
             )
-        return found
+        return faulty_bank
     at, moved = bias_of(suspect, setup)[0], ERROR_OF[suspect]
     assert widths is not None
-    found.state["failed"][:, (ACCELEROMETER, GYRO).index(suspect)] = 1
+    faulty_bank.state["failed"][:, (ACCELEROMETER, GYRO).index(suspect)] = 1
     variance = np.diag(widths**2)
     low_s, high_s = (-EARLIEST_S, 0.0) if earlier and suspect == GYRO else (0.0, later_s)
-    C = found.state[0].C_eb
+    C = faulty_bank.state[0].C_eb
     shared = 0.5 * (low_s + high_s) * C @ variance
     b, x = slice(at, at + 3), slice(moved, moved + 3)
-    found.P[0, b, b] += variance
-    found.P[0, x, b] += shared
-    found.P[0, b, x] += shared.T
-    found.P[0, x, x] += (low_s**2 + low_s * high_s + high_s**2) / 3.0 * C @ variance @ C.T
-    return found
+    faulty_bank.P[0, b, b] += variance
+    faulty_bank.P[0, x, b] += shared
+    faulty_bank.P[0, b, x] += shared.T
+    faulty_bank.P[0, x, x] += (low_s**2 + low_s * high_s + high_s**2) / 3.0 * C @ variance @ C.T
+    return faulty_bank
 
 
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -74,10 +74,10 @@ class Explanation(NamedTuple):
     verdicts: tuple[Verdict, ...]  # over all onsets that were tried, in their order
 
 
-def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
+def explanations(results: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
     """Return the explanations of the last minute, the likeliest first, each set of satellites or axes one."""
     of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
-    for verdict in found:
+    for verdict in results:
         if math.isfinite(verdict.log_likelihood):
             of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
     ranked = []
@@ -173,10 +173,10 @@ def run_away(
     if verdict is None or not verdict.fits:
         return None, in_vain
     # of rates all of which are wrong some creep
-    told = explanations([verdict, *again.sensor(RATES)], again.as_it_was)
-    if told[0].suspect == RATES and told[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
-        return None, past.suspecting(_accused(told[0]))
-    if log_odds([each for each in told if each.suspect == SATELLITES], told) < SURE:
+    ranking = explanations([verdict, *again.sensor(RATES)], again.as_it_was)
+    if ranking[0].suspect == RATES and ranking[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
+        return None, past.suspecting(_accused(ranking[0]))
+    if log_odds([each for each in ranking if each.suspect == SATELLITES], ranking) < SURE:
         return None, in_vain
     lasting = again.to_the_end(verdict)
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
@@ -194,7 +194,9 @@ def every_fault(again: Hindsight) -> list[Verdict]:
     jumps = [each for each in (ACCELEROMETER, GYRO) if bias_of(each, again.setup)[2].sigma > 0.0]
     with ThreadPoolExecutor(again.setup.threads) as pool:
         sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
-        tags = [pool.submit(list[Verdict], found(again)) for found in (other_tags, other_imu_tags)]
+        tags = [
+            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_tags, other_imu_tags)
+        ]
         satellites = again.without_satellites(pool)
     return [*_results(sensors), *satellites, *_results(tags)]
 
@@ -213,40 +215,40 @@ def judge(
     again = Hindsight(past, setup, imu, parameters, span)
     if not again.came_through:
         return None, replace(past, in_vain=past.in_vain + 1)
-    told = explanations(every_fault(again), again.as_it_was)
-    if not told:
+    ranking = explanations(every_fault(again), again.as_it_was)
+    if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
-    fitting = [each for each in told if each.best.fits]
+    fitting = [each for each in ranking if each.best.fits]
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > SURE:
-        told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
-    first, before = told[0], past.suspected
-    excused = _is_excused(told, past, again)
+        ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
+    first, before = ranking[0], past.suspected
+    excused = _is_excused(ranking, past, again)
     suspected = before if excused else _accused(first)
     past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
     if excused or not first.best.fits:
         return None, past
-    likely = [each for each in told if each.log_odds > first.log_odds - SURE]
+    likely = [each for each in ranking if each.log_odds > first.log_odds - SURE]
     chosen = shared(likely)
-    if chosen is not None and chosen.best.fits and _is_shown(_with(chosen, told), told, before):
+    if chosen is not None and chosen.best.fits and _is_shown(_with(chosen, ranking), ranking, before):
         verdict = again.to_the_end(over_onsets(with_sound_axes(chosen, again), setup.layout))
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
         return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
-    sensors = [each for each in told if each.suspect in SENSORS]
-    if past.opened or first not in sensors or not _is_shown(sensors, told, before):
+    sensors = [each for each in ranking if each.suspect in SENSORS]
+    if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
     either = explanations(again.either([each.best for each in likely]), again.as_it_was)
     verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
 
 
-def _is_shown(of: list[Explanation], told: list[Explanation], before: frozenset[str | int]) -> bool:
+def _is_shown(of: list[Explanation], ranking: list[Explanation], before: frozenset[str | int]) -> bool:
     """Return whether some explanations are far likelier than all others, and were ``before`` or are so clearly now.
 
     Where late GNSS tags began is seen for some seconds only.
     """
     seen = all(_accused(each) <= before for each in of[:1]) or of[0].suspect == GNSS_TAGS
-    return log_odds(of, told) > (SURE if seen else CLEAR)
+    return log_odds(of, ranking) > (SURE if seen else CLEAR)
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:
@@ -256,16 +258,16 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
+def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
     """Return whether the best explanation is not credible.
 
     Rows that contradict each other do not mean a sensor fault, nor a fault of the range rates alone if the pseudoranges
     do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
     much. Nor is what late tags have done to the filter a fault of anything else.
     """
-    first = told[0]
+    first = ranking[0]
     least = max(SURE, first.log_odds - _COARSE)
-    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
+    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
     late = first.suspect in (*SENSORS, SATELLITES, RATES) and past.tags_were_off(_TAGS_LAST_NS)
@@ -279,9 +281,9 @@ def shared(likely: list[Explanation]) -> Explanation | None:
     return next((each for each in likely if common and parts[id(each)] == common), None)
 
 
-def _with(chosen: Explanation, told: list[Explanation]) -> list[Explanation]:
+def _with(chosen: Explanation, ranking: list[Explanation]) -> list[Explanation]:
     """Return the explanations that contain the chosen fault."""
-    return [each for each in told if _parts(chosen.best) <= _parts(each.best)]
+    return [each for each in ranking if _parts(chosen.best) <= _parts(each.best)]
 
 
 def _parts(verdict: Verdict) -> frozenset[tuple[str, int]]:

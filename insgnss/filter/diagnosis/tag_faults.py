@@ -30,20 +30,20 @@ def other_tags(again: Hindsight) -> Iterator[Verdict]:
         since_s = (again.end_ns - int(start.head[0].now_ns)) / NS_PER_S
         if not _TELLING_S <= since_s <= _GNSS_TAGS_BACK_S:
             continue
-        found = _shifted(again, GNSS_TAGS, start, -tag_error_s(rows))
-        if found is not None:
-            yield found
+        verdict = _shifted(again, GNSS_TAGS, start, -tag_error_s(rows))
+        if verdict is not None:
+            yield verdict
 
 
 def other_imu_tags(again: Hindsight) -> Iterator[Verdict]:
     """Yield the results for inertial time tags that are off from the start, then between the best of these."""
-    found = {0.0: again.as_it_was}
+    log_likelihoods = {0.0: again.as_it_was}
     for shift_s in _TAGS_S:
         verdict = _shifted(again, IMU_TAGS, again.oldest(), shift_s)
         if verdict is not None:
-            found[shift_s] = verdict.log_likelihood
+            log_likelihoods[shift_s] = verdict.log_likelihood
             yield verdict
-    top_s = summit(found)
+    top_s = summit(log_likelihoods)
     verdict = _shifted(again, IMU_TAGS, again.oldest(), top_s)
     if verdict is not None:
         yield verdict
@@ -66,10 +66,12 @@ def _shifted(again: Hindsight, suspect: str, start: Bank, shift_s: float) -> Ver
     first = [int(np.searchsorted(e.rows.epoch_ns, first_ns, side="right")) for e in again.stretches]
     begun = tuple(e._replace(first=k) for e, k in zip(again.stretches, first, strict=True))
     if suspect == IMU_TAGS:
-        found = again.verdict(suspect, at_other_tags(bank, shift_ns), begun, imu=earlier(again.imu, shift_ns))
+        verdict = again.verdict(
+            suspect, at_other_tags(bank, shift_ns), begun, imu=earlier(again.imu, shift_ns)
+        )
     else:
         bank.head["epoch_ns"] += shift_ns
         bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
         begun = tuple(e._replace(rows=later(e.rows, shift_ns)) for e in begun)
-        found = again.verdict(suspect, bank, begun, shift_ns)
-    return None if found is None else found._replace(size=shift_s)
+        verdict = again.verdict(suspect, bank, begun, shift_ns)
+    return None if verdict is None else verdict._replace(size=shift_s)

@@ -34,14 +34,14 @@ def earlier(imu: ImuSamples, late_ns: int) -> ImuSamples:
     return imu._replace(t_ns=imu.t_ns - late_ns)
 
 
-def summit(found: dict[float, float]) -> float:
+def summit(values: dict[float, float]) -> float:
     """Return where the parabola through the largest of some values and its neighbours is largest; 0 at the ends."""
-    at = sorted(found)
-    best = max(range(len(at)), key=lambda i: found[at[i]])
+    at = sorted(values)
+    best = max(range(len(at)), key=lambda i: values[at[i]])
     if not 0 < best < len(at) - 1:
         return 0.0
     x = np.array(at[best - 1 : best + 2])
-    second, first, _ = np.polyfit(x, [found[k] for k in x], 2)
+    second, first, _ = np.polyfit(x, [values[k] for k in x], 2)
     return float(-0.5 * first / second) if second < 0.0 else 0.0
 
 

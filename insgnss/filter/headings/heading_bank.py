@@ -148,27 +148,27 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
     spacing = 2.0 * math.pi / n_headings
     sigma = np.array([math.sqrt(yaw_variance(m, P)) for m, P in zip(bank.state, bank.P, strict=True)])
     lead, centres = bank.state[bank.head[0].leader], spacing * np.arange(n_headings)
-    made = []
+    shares = []
     for i in map(int, np.flatnonzero(sigma > _WIDE * 0.5 * spacing)):
         away = np.remainder(centres - turn_about(lead, bank.state[i]) + math.pi, 2.0 * math.pi) - math.pi
         both = sigma[i] ** 2 + (0.5 * spacing) ** 2
         weight = -0.5 * away**2 / both
         weight += bank.state[i].log_weight - np.logaddexp.reduce(weight)
         gain, left = sigma[i] ** 2 / both, sigma[i] * 0.5 * spacing / math.sqrt(both)
-        made += [
+        shares += [
             _WindowShare(i, int(k), gain * float(away[k]), left, float(weight[k]))
             for k in np.flatnonzero(weight > drop)
         ]
-    kept = np.flatnonzero(sigma <= _WIDE * 0.5 * spacing)
-    members = np.array([*kept, *(part.member for part in made)], np.int64)
+    narrow = np.flatnonzero(sigma <= _WIDE * 0.5 * spacing)
+    members = np.array([*narrow, *(part.member for part in shares)], np.int64)
     # without what they remember of satellites, the most of a member: the few that stay have it from where they came
-    found = select_members(bank._replace(seen=bank.seen[:, :0], memory=bank.memory[:, :0]), members)
-    found.state["log_weight"][: len(kept)] = bank.state["log_weight"][kept]
-    for at, part in enumerate(made, start=len(kept)):
-        found.state[at].log_weight = part.log_weight
-        turn_member(found.state[at], found.P[at], part.turn, part.sigma, lever_b, layout)
-    stay = _merged_by_window(found, len(kept), [part.window for part in made], layout)
-    return select_members(found, stay)._replace(
+    split_bank = select_members(bank._replace(seen=bank.seen[:, :0], memory=bank.memory[:, :0]), members)
+    split_bank.state["log_weight"][: len(narrow)] = bank.state["log_weight"][narrow]
+    for at, part in enumerate(shares, start=len(narrow)):
+        split_bank.state[at].log_weight = part.log_weight
+        turn_member(split_bank.state[at], split_bank.P[at], part.turn, part.sigma, lever_b, layout)
+    stay = _merged_by_window(split_bank, len(narrow), [part.window for part in shares], layout)
+    return select_members(split_bank, stay)._replace(
         seen=bank.seen[members[stay]], memory=bank.memory[members[stay]]
     )
 

@@ -174,7 +174,7 @@ def _edited(imu: ImuSamples, edits: Edits, events: list[Event]) -> ScreenedLog:
     def bridged(own: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
         return np.ascontiguousarray(np.insert(own[kept], before, bridge[name], axis=0))
 
-    made = ImuSamples(
+    edited = ImuSamples(
         bridged(imu.t_ns, "t_ns"), bridged(w, "w"), bridged(f, "f"), bridged(unknown, "unknown")
     )
     cuts = []
@@ -183,7 +183,7 @@ def _edited(imu: ImuSamples, edits: Edits, events: list[Event]) -> ScreenedLog:
         first += int(np.searchsorted(bridge["sample"], edit["sample"], side="right"))
         last_ns = int(logged_ns[max(place[edit["sample"]] - 1, 0)])
         cuts.append((first, _cut(edit, last_ns, int(imu.t_ns[edit["sample"]]))))
-    return ScreenedLog(made, logged_ns, cuts, events)
+    return ScreenedLog(edited, logged_ns, cuts, events)
 
 
 def _put_in(edit: Any) -> Sample:
@@ -219,7 +219,7 @@ class SampleStream:
         times, rates, forces = self._waiting
         times[self._n], rates[self._n], forces[self._n] = t_ns, w_ib_b, f_b
         self._n += 1
-        found: list[Sample | Cut | Event] = []
+        items: list[Sample | Cut | Event] = []
         done = 0
         while True:
             count = np.zeros(1, np.int64)
@@ -227,30 +227,30 @@ class SampleStream:
             begin, done = done, int(screen(self._state[0], t, w, f, done, self._edits, count, self._scratch))
             edits = self._edits[: count[0]]
             for k in range(begin, done):
-                found += self._certain(k, edits[edits["sample"] == k] if len(edits) else edits)
+                items += self._certain(k, edits[edits["sample"] == k] if len(edits) else edits)
             if done == begin or done == self._n:
                 break
         if done:
             for column in self._waiting:
                 column[: self._n - done] = column[done : self._n].copy()
             self._n -= done
-        return found
+        return items
 
     def _certain(self, k: int, edits: npt.NDArray[Any]) -> list[Sample | Cut | Event]:
         """Return the filter's action on a sample with its verdicts."""
         t_ns = int(self._waiting[0][k])
         w, f = self._waiting[1][k].copy(), self._waiting[2][k].copy()
         unknown = np.zeros(2)
-        found: list[Sample | Cut | Event] = list(self.teller.events(edits)) if len(edits) else []
+        items: list[Sample | Cut | Event] = list(self.teller.events(edits)) if len(edits) else []
         for edit in edits:
             kind = int(edit["kind"])
             if kind in (BAD_SAMPLE, SPIKE):
-                return found
+                return items
             if kind in (BRIDGE, BRIDGE_TOLD):
-                found.append(_put_in(edit))
+                items.append(_put_in(edit))
             elif kind == CUT:
-                found.append(_cut(edit, self._last_ns, t_ns))
+                items.append(_cut(edit, self._last_ns, t_ns))
             elif kind == REPLACED:
                 w, f, unknown = edit["w"].copy(), edit["f"].copy(), edit["unknown"].copy()
         self._last_ns = t_ns
-        return [*found, Sample(t_ns, w, f, unknown, logged=True)]
+        return [*items, Sample(t_ns, w, f, unknown, logged=True)]

@@ -116,8 +116,8 @@ def new_screen(
     config: FilterConfig, grade: ImuGrade, lever_arm_m: tuple[float, float, float]
 ) -> npt.NDArray[Any]:
     """Return the memory of a log that has not begun, (1,) of ``SCREEN_DTYPE``."""
-    made = np.zeros(1, SCREEN_DTYPE)
-    s = made[0]
+    screen = np.zeros(1, SCREEN_DTYPE)
+    s = screen[0]
     gaps, samples, sensor = config.gaps, config.samples, sensor_model(grade)
     ranges = (grade.gyro_range_deg_per_s, grade.accel_range_g)
     units = (RAD_PER_DEG, STANDARD_GRAVITY_MPS2)
@@ -133,4 +133,4 @@ def new_screen(
     s.spike_sigma = samples.spike_sigma
     s.test_outages = int(samples.sensor_outages)
     s.finest[:] = math.inf
-    return made
+    return screen

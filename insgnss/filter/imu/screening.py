@@ -142,11 +142,11 @@ def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
         if abs(value) >= AT_RANGE * s.range[axis // 3]:
             s.out[axis] = SATURATED
         elif s.out[axis] == 0 and (held or is_silent(x, k)):
-            found = held_for_long(s, x, k, axis)
-            if found < 0:
+            status = held_for_long(s, x, k, axis)
+            if status < 0:
                 return False
-            if found > 0:
-                s.out[axis] = found
+            if status > 0:
+                s.out[axis] = status
     return True
 
 

@@ -113,8 +113,8 @@ def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
     """
     if s.out[axis] == SATURATED:
         return value
-    kept = math.exp(-s.out_s[axis // 3] / MOTION_TIME_S)
-    stands: float = s.usual[axis] + kept * (s.fresh[axis] - s.usual[axis])
+    decay = math.exp(-s.out_s[axis // 3] / MOTION_TIME_S)
+    stands: float = s.usual[axis] + decay * (s.fresh[axis] - s.usual[axis])
     return stands
 
 

@@ -45,11 +45,11 @@ def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> 
         if leap(s, x, k, sensor) ** 2 <= limit2:
             continue
         judged = s.calm >= ALONE or 0 < s.spike < LONGEST
-        found = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if judged else 0
-        if found < 0:
+        alone = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if judged else 0
+        if alone < 0:
             return -1
         s.calm = 0
-        if found > 0:
+        if alone > 0:
             return sensor + 1
     return 0
 

@@ -60,14 +60,14 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
         before_ns = int(head.carried_ns[at])
         step_s = min((t_ns - before_ns) / NS_PER_S, _MOST_STEP_S) if before_ns else 0.0
         head.carried_ns[at] = t_ns
-        found = {i: _against(entries, kind.name) for i, entries in members.items()}
-        for i, each in found.items():
+        of_members = {i: _against(entries, kind.name) for i, entries in members.items()}
+        for i, each in of_members.items():
             m: StateRecord = bank.state[i]
             m.doubted_by[at] = int(each.refused and (each.largest > _FAR2 or m.doubted_by[at]))
             if m.doubted_by[at]:
                 _widen(bank.P[i], math.exp(step_s / _TIME_S))
-        risen = step_s * (min(each.mean for each in found.values()) - 1.0) / _NOISE_TIME_S
-        if all(bank.state[i].doubted_by[at] for i in found):
+        risen = step_s * (min(each.mean for each in of_members.values()) - 1.0) / _NOISE_TIME_S
+        if all(bank.state[i].doubted_by[at] for i in of_members):
             risen += step_s / _TIME_S
         head.inertial_noise[at] = min(max(head.inertial_noise[at] + risen, 0.0), _MOST_NOISE)
     if carrying:
@@ -83,12 +83,12 @@ class _Against(NamedTuple):
 
 
 def _against(entries: Iterable[OwnEntry], name: str) -> _Against:
-    found = [entry for entry in entries if entry.kind == name and entry.status in (USED, GATED)]
-    nis = [entry.nis for entry in found if math.isfinite(entry.nis)]
+    of_kind = [entry for entry in entries if entry.kind == name and entry.status in (USED, GATED)]
+    nis = [entry.nis for entry in of_kind if math.isfinite(entry.nis)]
     if not nis:
         return _Against(refused=False)
     mean = sum(min(each, _MOST) for each in nis) / len(nis)
-    return _Against(all(entry.status == GATED for entry in found), mean, max(nis))
+    return _Against(all(entry.status == GATED for entry in of_kind), mean, max(nis))
 
 
 def _widen(P: Float64, factor: float) -> None:
@@ -108,11 +108,11 @@ def doubt_events(head: HeadRecord, kinds: Iterable[Kind], t_ns: int) -> list[Eve
         at = kind.carrying
         if at == NOT_CARRYING:
             continue
-        told, noise = bool(head.noise_told[at]), float(head.inertial_noise[at])
-        if told == (noise > (_OVER if told else _TOLD)):
+        is_told, noise = bool(head.noise_told[at]), float(head.inertial_noise[at])
+        if is_told == (noise > (_OVER if is_told else _TOLD)):
             continue
-        head.noise_told[at] = int(not told)
-        events.append(Event(t_ns, *_in_words(kind, told=not told)))
+        head.noise_told[at] = int(not is_told)
+        events.append(Event(t_ns, *_in_words(kind, told=not is_told)))
     return events
 
 

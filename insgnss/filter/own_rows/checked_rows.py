@@ -103,9 +103,9 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
 @functools.lru_cache(maxsize=1024)
 def _columns(places: tuple[tuple[int, int], ...]) -> Int64:
     """Return the columns of several blocks, each from its first to before its last."""
-    found = np.concatenate([np.arange(first, last, dtype=np.int64) for first, last in places])
-    found.flags.writeable = False
-    return found
+    columns = np.concatenate([np.arange(first, last, dtype=np.int64) for first, last in places])
+    columns.flags.writeable = False
+    return columns
 
 
 def _second(

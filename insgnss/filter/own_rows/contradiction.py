@@ -36,10 +36,10 @@ _LONGEST_STEP_S: Final = 5.0  # rows after a pause count as at most so many seco
 
 def contradicting(head: HeadRecord, kinds: Iterable[Kind]) -> frozenset[str]:
     """Return the kinds that are not to be used."""
-    found = head.own_contradicts
-    if not found.any():
+    contradicts = head.own_contradicts
+    if not contradicts.any():
         return frozenset()
-    return frozenset(kind.name for kind in kinds if kind.watch != NOT_WATCHED and found[kind.watch])
+    return frozenset(kind.name for kind in kinds if kind.watch != NOT_WATCHED and contradicts[kind.watch])
 
 
 def watch(
@@ -51,14 +51,14 @@ def watch(
     ----------
     predicted : variance of each entry's prediction (k,), without that of its own row
     """
-    found: dict[str, list[tuple[float, float, float]]] = {}
+    by_kind: dict[str, list[tuple[float, float, float]]] = {}
     for entry, variance in zip(entries, predicted.tolist(), strict=True):
         if math.isfinite(entry.nis):
             row = min(entry.nis, _MOST), entry.innovation**2, variance
-            found.setdefault(entry.kind, []).append(row)
+            by_kind.setdefault(entry.kind, []).append(row)
     mean, last_ns, contradicts, reach = head.own_nis, head.own_nis_ns, head.own_contradicts, head.own_reach
     for kind in kinds:
-        values = found.get(kind.name)
+        values = by_kind.get(kind.name)
         if kind.watch == NOT_WATCHED or not values:
             continue
         at, (nis, off2, variance) = kind.watch, np.mean(values, axis=0).tolist()

@@ -27,7 +27,7 @@ class OwnEntry(NamedTuple):
 
 def complete_ledger(
     own: OwnMeasurements,
-    found: dict[int, list[OwnEntry]],
+    existing: dict[int, list[OwnEntry]],
     spans_ns: Iterable[tuple[int, int]],
     between_ns: tuple[int, int],
 ) -> list[OwnEntry]:
@@ -38,16 +38,16 @@ def complete_ledger(
 
     Parameters
     ----------
-    found : the existing entries, by time
+    existing : the existing entries, by time
     spans_ns : the unbroken stretches of inertial samples, first and last time
     """
     entries: list[OwnEntry] = []
     spans = list(spans_ns)
     first_ns, last_ns = between_ns
-    taken = {t_ns for t_ns in found if first_ns < t_ns <= last_ns}
+    taken = {t_ns for t_ns in existing if first_ns < t_ns <= last_ns}
     for t_ns in sorted(taken.union(own.listed(*between_ns))):
-        if t_ns in found:
-            entries += found[t_ns]
+        if t_ns in existing:
+            entries += existing[t_ns]
             continue
         status = NOT_STARTED if any(a <= t_ns <= b for a, b in spans) else NO_IMU
         listed = [kind for kind in own.at(t_ns) if not kind.period_ns]
@@ -65,26 +65,26 @@ class OwnResults:
         self._spans: list[tuple[int, int]] = []
         self._taken_ns = -(2**62)
 
-    def keep(self, found: dict[int, list[OwnEntry]], span_ns: tuple[int, int]) -> None:
+    def keep(self, by_time: dict[int, list[OwnEntry]], span_ns: tuple[int, int]) -> None:
         """Keep the entries of a stretch of samples that has ended."""
-        self._found |= {t_ns: entries for t_ns, entries in found.items() if t_ns > self._taken_ns}
+        self._found |= {t_ns: entries for t_ns, entries in by_time.items() if t_ns > self._taken_ns}
         if span_ns[0] < span_ns[1]:  # of a single sample the filter makes nothing
             self._spans.append(span_ns)
 
     def taken(
-        self, found: dict[int, list[OwnEntry]], spans: list[tuple[int, int]], until_ns: int
+        self, by_time: dict[int, list[OwnEntry]], spans: list[tuple[int, int]], until_ns: int
     ) -> list[OwnEntry]:
         """Return the entries up to ``until_ns``, or to the end of the last stretch, that were not returned before.
 
-        ``found`` and ``spans`` are those of the stretch that goes on; what is returned goes from ``found``.
+        ``by_time`` and ``spans`` are those of the stretch that goes on; what is returned goes from ``by_time``.
         """
         until_ns = max([until_ns, *(last for _, last in self._spans)])
         if self._own is None or until_ns <= self._taken_ns:
             return []
         span = (self._taken_ns, until_ns)
-        entries = complete_ledger(self._own, self._found | found, [*self._spans, *spans], span)
+        entries = complete_ledger(self._own, self._found | by_time, [*self._spans, *spans], span)
         self._taken_ns = until_ns
         self._found = {}
-        for t_ns in [t_ns for t_ns in found if t_ns <= until_ns]:
-            del found[t_ns]
+        for t_ns in [t_ns for t_ns in by_time if t_ns <= until_ns]:
+            del by_time[t_ns]
         return entries

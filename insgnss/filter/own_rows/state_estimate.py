@@ -175,8 +175,8 @@ def state_estimate(
     for name, place in layout.items():
         if place.columns.start < OFFSETS:
             continue
-        found = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
-        values[name] = float(found[0]) if place.size == 1 else read_only(found.copy())
+        part = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
+        values[name] = float(part[0]) if place.size == 1 else read_only(part.copy())
     vectors = {name: read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}
     return StateEstimate(
         t_ns=t_ns,

@@ -52,17 +52,17 @@ class RefusalWatch:
             step = 1.0 - math.exp(-(t_ns - before.last_ns) / NS_PER_S / _MEMORY_S)
             share = before.share + min(step, _MOST_AT_ONCE) * (float(refused) - before.share)
             since_ns = before.since_ns if before.share >= _OVER else t_ns
-            told = before.told
-            if share > _LONG and not told:
+            is_told = before.told
+            if share > _LONG and not is_told:
                 hint = next(kind.hint for kind in own.kinds if kind.name == name)
                 events.append(_refused(name, hint, rows, since_ns, t_ns))
-                told = True
-            elif share < _OVER and told:
+                is_told = True
+            elif share < _OVER and is_told:
                 seconds = (t_ns - before.since_ns) / NS_PER_S
                 detail = f"'{name}' agrees with the filter again, {seconds:.0f} s after its rows were first refused"
                 events.append(Event(t_ns, "sensor_agrees", detail))
-                told = False
-            self.kinds[name] = Refusals(share, t_ns, since_ns, told)
+                is_told = False
+            self.kinds[name] = Refusals(share, t_ns, since_ns, is_told)
         return events
 
 

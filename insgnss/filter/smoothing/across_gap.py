@@ -62,26 +62,26 @@ def without_shown_motion(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def way_back(
-    found: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+    epoch: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> Iterator[SmoothedEpoch]:
-    """Yield samples before the epoch ``found`` at which a filter began anew, the last first, smoothed by that epoch.
+    """Yield samples before the ``epoch`` at which a filter began anew, the last first, smoothed by that epoch.
 
     The last of them is the first of the samples ``imu``; in between they are some seconds apart.
     """
-    while found.kept.t_ns > imu.t_ns[0]:
-        k = int(np.searchsorted(imu.t_ns, found.kept.t_ns - _PIECE_NS))
-        k = min(k, int(np.searchsorted(imu.t_ns, found.kept.t_ns)) - 1)
-        found = _one_before(found, k, imu, parameters, layout)
-        yield found
+    while epoch.kept.t_ns > imu.t_ns[0]:
+        k = int(np.searchsorted(imu.t_ns, epoch.kept.t_ns - _PIECE_NS))
+        k = min(k, int(np.searchsorted(imu.t_ns, epoch.kept.t_ns)) - 1)
+        epoch = _one_before(epoch, k, imu, parameters, layout)
+        yield epoch
 
 
 def _one_before(
-    found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+    epoch: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
 ) -> SmoothedEpoch:
     """Return sample ``k`` smoothed by a later state alone."""
-    bank = _about(found, k, imu, parameters)
+    bank = _about(epoch, k, imu, parameters)
     for _ in range(_MOST_STEPS):
-        before = one_back(kept_as_opened(bank)._replace(anew=True), found, imu, parameters, layout)
+        before = one_back(kept_as_opened(bank)._replace(anew=True), epoch, imu, parameters, layout)
         if float((before.e**2 / np.diagonal(before.P).clip(min=_NOTHING)).max()) < _CLOSE**2:
             break
         bank = one_hypothesis(bank.state, bank.P, bank.head)
@@ -89,22 +89,22 @@ def _one_before(
     return before
 
 
-def _about(found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
+def _about(epoch: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Bank:
     """Return a filter at sample ``k`` that knows nothing, about where the later state has come from.
 
     It knows a hundred times less than the later state leaves, carried back: of velocity P_v + T^2 (g^2 P_psi + P_ba),
     of position T^2 times that more.
     """
-    filtered, n, t_ns = found.kept.bank, len(found.P), int(imu.t_ns[k])
+    filtered, n, t_ns = epoch.kept.bank, len(epoch.P), int(imu.t_ns[k])
     bank = one_hypothesis(filtered.state, np.zeros_like(filtered.P), filtered.head)
     m: StateRecord = bank.state[0]
-    bank.state[0] = found.state()
+    bank.state[0] = epoch.state()
     bank.head["now_ns"], bank.head["next"] = t_ns, k + 1
-    m.C_eb[:] = attitude_before(bank, found.kept.t_ns, found.state(), imu, parameters)
-    seconds = (found.kept.t_ns - t_ns) / NS_PER_S
+    m.C_eb[:] = attitude_before(bank, epoch.kept.t_ns, epoch.state(), imu, parameters)
+    seconds = (epoch.kept.t_ns - t_ns) / NS_PER_S
     m.r_e[:] -= seconds * m.v_e
     m.clock[0] -= seconds * m.clock[1]
-    left = np.diagonal(found.P).copy()
+    left = np.diagonal(epoch.P).copy()
     for block, by, factor in (
         (PSI, BG, 1.0),
         (DV, BA, 1.0),
@@ -118,15 +118,15 @@ def _about(found: SmoothedEpoch, k: int, imu: ImuSamples, parameters: npt.NDArra
 
 
 def last_sample(
-    kept: FilteredEpoch,
+    filtered: FilteredEpoch,
     after: SmoothedEpoch,
     cut: Cut,
     imu: ImuSamples,
     parameters: npt.NDArray[Any],
     layout: Layout,
 ) -> SmoothedEpoch:
-    """Return the last sample before a gap, where the filter is as ``kept``, smoothed by the first one ``after`` it."""
-    bank, seconds = kept.bank, (cut.next_ns - cut.last_ns) / NS_PER_S
+    """Return the last sample before a gap, of ``filtered``, smoothed by the first one ``after`` it."""
+    bank, seconds = filtered.bank, (cut.next_ns - cut.last_ns) / NS_PER_S
     errors, left, grown = errors_in_a_gap(bank.state[0], parameters[0], seconds, layout)
     if cut.bridge is not None and seconds < _LONGEST_WAY_S:
         way = one_hypothesis(bank.state, bank.P, bank.head)
@@ -145,7 +145,7 @@ def last_sample(
         change = after.P[np.ix_(errors, errors)] - prior
     gain = regression(cross, prior)
     smoothed = bank.P[0] + gain @ change @ gain.T
-    return SmoothedEpoch(kept, gain @ step, 0.5 * (smoothed + smoothed.T), None)
+    return SmoothedEpoch(filtered, gain @ step, 0.5 * (smoothed + smoothed.T), None)
 
 
 def _shown(r_e: Float64, errors: list[int], n: int) -> Float64:

@@ -164,23 +164,23 @@ def regression(cross: Float64, P: Float64) -> Float64:
         solved = np.linalg.solve(unit, scaled)
     except np.linalg.LinAlgError:
         solved = np.linalg.lstsq(unit, scaled, rcond=None)[0]
-    found = np.zeros(cross.shape)
-    found[:, known] = solved.T * scale
-    return found
+    gain = np.zeros(cross.shape)
+    gain[:, known] = solved.T * scale
+    return gain
 
 
 def write_smoothed(
-    out_nav: Table, optional: Float64, first: int, found: InterpolatedStates, parameters: npt.NDArray[Any]
+    out_nav: Table, optional: Float64, first: int, states: InterpolatedStates, parameters: npt.NDArray[Any]
 ) -> None:
     """Rewrite navigation rows from ``first`` on from the smoothed states."""
-    count = len(found.state)
+    count = len(states.state)
     rows = slice(first, first + count)
     write_corrected(
         out_nav[rows],
         optional[rows],
-        found.state,
-        np.ascontiguousarray(found.correction),
-        found.P,
+        states.state,
+        np.ascontiguousarray(states.correction),
+        states.P,
         parameters,
         np.zeros(1, COUNT_DTYPE),
     )

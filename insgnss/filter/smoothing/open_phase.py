@@ -53,13 +53,13 @@ class OpenPhase:
 
 
 def gone_over_alone(
-    phase: OpenPhase, found: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+    phase: OpenPhase, epoch: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> list[FilteredEpoch]:
-    """Return the epochs of a phase as the hypothesis that was ``found`` goes over them, the one at its end too.
+    """Return the epochs of a phase as the hypothesis left at its last ``epoch`` goes over them, the last one too.
 
     Empty where that does not come to what was found.
     """
-    bank = _opened_right(phase.bank, found, setup, imu, parameters)
+    bank = _opened_right(phase.bank, epoch, setup, imu, parameters)
     chain = [kept_as_opened(bank)]
     calm, layout = quiet(parameters), setup.layout
     largest = max((len(rows.observation) for rows in phase.epochs), default=0)
@@ -76,19 +76,19 @@ def gone_over_alone(
         kinds = map(int, out.events["kind"][: out.counts[0].events])
         stepped = tuple(_STEPPED[kind] for kind in kinds if kind in _STEPPED)
         chain.append(keep(bank, work.epoch, layout, linked=True, stepped=stepped))
-    d = apart(found.state(), bank.state[0], layout)[_COMPARED]
+    d = apart(epoch.state(), bank.state[0], layout)[_COMPARED]
     P = bank.P[0][_COMPARED, _COMPARED]
     return chain if float(d @ np.linalg.solve(P, d)) < _AGREES else []
 
 
 def _opened_right(
-    bank: Bank, found: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+    bank: Bank, epoch: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> Bank:
     """Return the hypothesis of a bank nearest to the attitude that was found, turned to it."""
-    smoothed = found.state()
+    smoothed = epoch.state()
     then = smoothed.copy()
     then.r_e[:] = bank.state["r_e"][bank.head[0].leader]
-    set_attitude(then, attitude_before(bank, found.kept.t_ns, smoothed, imu, parameters))
+    set_attitude(then, attitude_before(bank, epoch.kept.t_ns, smoothed, imu, parameters))
     turns = [turn_about(m, then) for m in bank.state]
     nearest = int(np.argmin(np.abs(turns)))
     one = select_members(bank, np.array([nearest], np.int64))

@@ -73,11 +73,11 @@ class RowCovariances:
         navigator, others = self.navigator, self.navigator.after_own
         self._begin(navigator.bank, out)
 
-        def go_on(found: OwnUpdate) -> None:
+        def go_on(update: OwnUpdate) -> None:
             before = self._before if self._before is not None else navigator.opened
             self._write_between(before, self._written, int(out.counts[0].nav), out)
             self._begin(navigator.bank, out)
-            others(found)
+            others(update)
 
         navigator.after_own = go_on
         try:

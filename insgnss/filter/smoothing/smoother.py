@@ -83,15 +83,15 @@ class Smoother:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
         for alone, written in each_epoch(rows, first, last, out):
-            told, before = len(navigator.events), navigator.bank
+            n_events, before = len(navigator.events), navigator.bank
             if self.further is None:
                 navigator.run(self.imu, alone, 0, 1, written)
             else:
                 RowCovariances(navigator, self.imu, self.further).run(alone, written)
-            kinds = {event.kind for event in navigator.events[told:]}
+            kinds = {event.kind for event in navigator.events[n_events:]}
             self._take(before, alone, kinds)
 
-    def _take_own(self, found: OwnUpdate) -> None:
+    def _take_own(self, update: OwnUpdate) -> None:
         """Keep the filter's update by a user's own rows; with several open headings nothing is kept."""
         bank, opened = self.navigator.bank, self.navigator.opened
         if bank is None:
@@ -102,7 +102,7 @@ class Smoother:
             self._began_ns = self.navigator.started_ns
         if self._phase is None and len(bank.state) == 1:
             fits = self.kept[-1].fits if self.kept else True
-            self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
+            self.kept.append(keep_own(bank, update.correction, linked=self._linked, fits=fits))
             self._linked = True
 
     def _take_before_antennas(self, bank: Bank) -> None:
@@ -129,31 +129,33 @@ class Smoother:
         work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
         stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
         if len(bank.state) == 1:
-            kept = keep(bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator))
-            self._keep(kept._replace(reset=replaced and self._linked), stood)
+            epoch = keep(
+                bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator)
+            )
+            self._keep(epoch._replace(reset=replaced and self._linked), stood)
         elif self._phase is None:
             split = self._linked and before is not None and not replaced
             if split and before is not None:  # into several: it stands as the update has left it
                 self.kept.append(keep(before, work, layout, linked=True, stepped=stepped))
             self._phase = OpenPhase(copy_bank(bank), linked=split)
 
-    def _keep(self, kept: FilteredEpoch, stood: Bank | None) -> None:
+    def _keep(self, epoch: FilteredEpoch, stood: Bank | None) -> None:
         """Keep an epoch after which one heading is left; ``stood``: the filter before several antennas' rows."""
         after = None
         if stood is not None and self._linked and self._phase is None:
             if len(stood.state) > 1:  # split and found at one epoch
-                kept = kept._replace(linked=False)
-            elif not np.array_equal(stood.P, kept.bank.P):
-                after = kept._replace(linked=True, reset=False)
-                kept = kept._replace(bank=one_hypothesis(stood.state, stood.P, stood.head))
-        while kept.reset and self.kept[-1].linked and not self.kept[-1].fits:
+                epoch = epoch._replace(linked=False)
+            elif not np.array_equal(stood.P, epoch.bank.P):
+                after = epoch._replace(linked=True, reset=False)
+                epoch = epoch._replace(bank=one_hypothesis(stood.state, stood.P, stood.head))
+        while epoch.reset and self.kept[-1].linked and not self.kept[-1].fits:
             if self.kept[-1].t_ns in self.phases:
                 break
             self.kept.pop()
         if self._phase is not None:
-            kept = kept._replace(linked=self._phase.linked)
-            self.phases[kept.t_ns] = self._phase
-        self.kept += [kept] if after is None else [kept, after]
+            epoch = epoch._replace(linked=self._phase.linked)
+            self.phases[epoch.t_ns] = self._phase
+        self.kept += [epoch] if after is None else [epoch, after]
         self._linked, self._phase = True, None
 
     def _open(self, opened: Bank) -> None:
@@ -189,9 +191,9 @@ class Smoother:
         t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
         last: SmoothedEpoch | None = None
         if after is not None and self._end is not None:
-            kept, cut = self._end
+            filtered, cut = self._end
             last = last_sample(
-                kept, after, cut, self.imu, self.navigator.parameters, self.navigator.setup.layout
+                filtered, after, cut, self.imu, self.navigator.parameters, self.navigator.setup.layout
             )
             self._rewrite(last, t_ns, self.navigator.parameters, out)
         first: SmoothedEpoch | None = None
@@ -199,55 +201,55 @@ class Smoother:
             self._rewrite(first, t_ns, self.navigator.parameters, out)
         return first if first is not None and first.kept.t_ns == self._began_ns else None
 
-    def before_the_first(self, found: SmoothedEpoch, times_ns: Int64, out: Output) -> SmoothedEpoch:
-        """Return the stretch's first sample, smoothed by the epoch ``found`` at which the filter began.
+    def before_the_first(self, epoch: SmoothedEpoch, times_ns: Int64, out: Output) -> SmoothedEpoch:
+        """Return the stretch's first sample, smoothed by the ``epoch`` at which the filter began.
 
         Rows at ``times_ns`` from that sample up to the epoch follow those that are written.
         """
         parameters, layout = without_shown_motion(self.navigator.parameters), self.navigator.setup.layout
-        begin, end = np.searchsorted(times_ns, [self.imu.t_ns[0], found.kept.t_ns])
+        begin, end = np.searchsorted(times_ns, [self.imu.t_ns[0], epoch.kept.t_ns])
         t_ns, written = times_ns[begin:end], int(out.counts[0].nav)
-        nearest = min(int(np.searchsorted(out.nav["t_ns"][:written], found.kept.t_ns)), written - 1)
+        nearest = min(int(np.searchsorted(out.nav["t_ns"][:written], epoch.kept.t_ns)), written - 1)
         new = slice(written, written + len(t_ns))
         out.nav["t_ns"][new], out.nav["slow"][new] = t_ns, out.nav["slow"][nearest]
         out.counts[0].nav += len(t_ns)
-        first = found = found._replace(kept=found.kept._replace(anew=True))
-        for first in way_back(found, self.imu, parameters, layout):
+        first = epoch = epoch._replace(kept=epoch.kept._replace(anew=True))
+        for first in way_back(epoch, self.imu, parameters, layout):
             self._rewrite(first, t_ns, parameters, out, written)
         return first
 
     def _rewrite(
-        self, found: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output, first: int = 0
+        self, epoch: SmoothedEpoch, t_ns: Int64, parameters: npt.NDArray[Any], out: Output, first: int = 0
     ) -> None:
         """Write the row of an epoch and those up to the next, of the rows at ``t_ns``, which begin with ``first``."""
         n = OFFSETS + self.navigator.setup.layout.n_values
-        row = int(np.searchsorted(t_ns, found.kept.t_ns))
-        if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
+        row = int(np.searchsorted(t_ns, epoch.kept.t_ns))
+        if epoch.onward is not None and epoch.onward.t_ns == epoch.kept.t_ns:
             return  # own rows at the time of an epoch, which was written already
-        if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
-            if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
-                state = found.kept.bank.state[:1].copy()
-                at_epoch = InterpolatedStates(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
+        if row < len(t_ns) and t_ns[row] == epoch.kept.t_ns:
+            if epoch.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
+                state = epoch.kept.bank.state[:1].copy()
+                at_epoch = InterpolatedStates(slice(0, 1), state, epoch.e[None, :n], epoch.P[None, :n, :n])
                 self._write(first + row, at_epoch, out)
             row += 1
-        if found.onward is None:
+        if epoch.onward is None:
             return
-        last = int(np.searchsorted(t_ns, found.onward.t_ns))
+        last = int(np.searchsorted(t_ns, epoch.onward.t_ns))
         if last > row:
-            for part in smoothed(found.kept.bank, t_ns[row:last], found.onward, parameters, n):
+            for part in smoothed(epoch.kept.bank, t_ns[row:last], epoch.onward, parameters, n):
                 self._write(first + row + part.rows.start, part, out)
 
-    def _write(self, first: int, found: InterpolatedStates, out: Output) -> None:
-        found = found._replace(P=found.P.copy())  # what is written is carried to GPS time
-        write_smoothed(out.nav, out.optional, first, found, self.navigator.parameters)
+    def _write(self, first: int, states: InterpolatedStates, out: Output) -> None:
+        states = states._replace(P=states.P.copy())  # what is written is carried to GPS time
+        write_smoothed(out.nav, out.optional, first, states, self.navigator.parameters)
         if self.further is not None:
-            rows = slice(first, first + len(found.state))
-            self.further.write(rows, out.nav, found.P, self.imu, self.navigator.parameters[0])
+            rows = slice(first, first + len(states.state))
+            self.further.write(rows, out.nav, states.P, self.imu, self.navigator.parameters[0])
 
     def backward(self) -> Iterator[tuple[FilteredEpoch, Float64, Float64]]:
         """Yield the epochs kept from the last to the first: what to add to the filter's state, and its covariance."""
-        for found in self._back():
-            yield found.kept, found.e, found.P
+        for epoch in self._back():
+            yield epoch.kept, epoch.e, epoch.P
 
     def _back(self, later: SmoothedEpoch | None = None) -> Iterator[SmoothedEpoch]:
         """Yield the epochs from the last to the first, those of open headings in their place.
@@ -255,34 +257,34 @@ class Smoother:
         ``later`` is what smooths the epoch before it: at first what comes behind the last.
         """
         layout = self.navigator.setup.layout
-        for kept in reversed(self.kept):
-            at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
+        for filtered in reversed(self.kept):
+            at_once = later is not None and later.kept.t_ns == filtered.t_ns and not filtered.is_own
             if later is not None and at_once:  # as it was before its heading was split
-                later = same_time(kept, later, layout) if kept.linked else None
+                later = same_time(filtered, later, layout) if filtered.linked else None
                 continue
-            found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)
-            yield found
-            later = found if kept.linked else None
-            phase = self.phases.get(kept.t_ns)
+            epoch = last_of_all(filtered, layout) if later is None else self._one_back(filtered, later)
+            yield epoch
+            later = epoch if filtered.linked else None
+            phase = self.phases.get(filtered.t_ns)
             if phase is not None:
                 later = None
-                for later in self._through(phase, found):
+                for later in self._through(phase, epoch):
                     yield later
                 later = later if phase.linked else None
 
-    def _through(self, phase: OpenPhase, found: SmoothedEpoch) -> Iterator[SmoothedEpoch]:
-        """Yield the epochs of an open phase before its end, where one heading was ``found``, the last first."""
+    def _through(self, phase: OpenPhase, epoch: SmoothedEpoch) -> Iterator[SmoothedEpoch]:
+        """Yield the epochs of an open phase before the ``epoch`` that left one heading, the last first."""
         navigator = self.navigator
-        chain = gone_over_alone(phase, found, navigator.setup, self.imu, navigator.parameters)
+        chain = gone_over_alone(phase, epoch, navigator.setup, self.imu, navigator.parameters)
         if chain:
-            later = same_time(chain[-1], found, navigator.setup.layout)
-            for kept in reversed(chain[:-1]):
-                later = self._one_back(kept, later)
+            later = same_time(chain[-1], epoch, navigator.setup.layout)
+            for filtered in reversed(chain[:-1]):
+                later = self._one_back(filtered, later)
                 yield later
 
-    def _one_back(self, kept: FilteredEpoch, later: SmoothedEpoch) -> SmoothedEpoch:
+    def _one_back(self, filtered: FilteredEpoch, later: SmoothedEpoch) -> SmoothedEpoch:
         navigator = self.navigator
-        return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
+        return one_back(filtered, later, self.imu, navigator.parameters, navigator.setup.layout)
 
 
 def smooth_back(stretches: list[Smoother], times_ns: Int64, out: Output) -> None:

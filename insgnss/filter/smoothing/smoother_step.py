@@ -91,21 +91,21 @@ def kept_as_opened(bank: Bank) -> FilteredEpoch:
     return FilteredEpoch(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
 
 
-def last_of_all(kept: FilteredEpoch, layout: Layout) -> SmoothedEpoch:
+def last_of_all(filtered: FilteredEpoch, layout: Layout) -> SmoothedEpoch:
     """Return an epoch without later information: as the filter has it."""
-    n = _told(kept, layout)
-    return SmoothedEpoch(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
+    n = _told(filtered, layout)
+    return SmoothedEpoch(filtered, np.zeros(n), filtered.bank.P[0, :n, :n].copy(), None)
 
 
-def _told(kept: FilteredEpoch, layout: Layout) -> int:
+def _told(filtered: FilteredEpoch, layout: Layout) -> int:
     """Return the number of error states with smoothed information."""
-    return int(kept.bank.P.shape[1]) if kept.is_own else OFFSETS + layout.n_values
+    return int(filtered.bank.P.shape[1]) if filtered.is_own else OFFSETS + layout.n_values
 
 
-def same_time(kept: FilteredEpoch, found: SmoothedEpoch, layout: Layout) -> SmoothedEpoch:
-    """Return the smoothed estimate of this filter from ``found``, of another filter at the same time."""
-    e = apart(found.state(), kept.bank.state[0], layout)
-    return SmoothedEpoch(kept, e, found.P[: len(e), : len(e)], None)
+def same_time(filtered: FilteredEpoch, epoch: SmoothedEpoch, layout: Layout) -> SmoothedEpoch:
+    """Return the smoothed estimate of this filter from ``epoch``, of another filter at the same time."""
+    e = apart(epoch.state(), filtered.bank.state[0], layout)
+    return SmoothedEpoch(filtered, e, epoch.P[: len(e), : len(e)], None)
 
 
 def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
@@ -117,15 +117,19 @@ def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
 
 
 def one_back(
-    kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+    filtered: FilteredEpoch,
+    later: SmoothedEpoch,
+    imu: ImuSamples,
+    parameters: npt.NDArray[Any],
+    layout: Layout,
 ) -> SmoothedEpoch:
     """Return an epoch smoothed from the ``later`` one."""
-    n, q = _told(kept, layout), kept.bank.P.shape[1]
+    n, q = _told(filtered, layout), filtered.bank.P.shape[1]
     if later.kept.reset or later.kept.anew:
-        d = step_of_state(kept.bank, later, imu, parameters, layout)
+        d = step_of_state(filtered.bank, later, imu, parameters, layout)
         if later.kept.reset:
-            imu = doubted(imu, d, (later.kept.t_ns - kept.t_ns) / NS_PER_S)
-        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
+            imu = doubted(imu, d, (later.kept.t_ns - filtered.t_ns) / NS_PER_S)
+        prior, cross = predicted(filtered.bank, later.kept, imu, parameters[0], n)
         if later.kept.reset:
             doubt_what_jumped(prior, d)
         known = len(d)
@@ -134,14 +138,14 @@ def one_back(
         cross[:, known:] = prior[known:] = prior[:, known:] = P_y[known:] = P_y[:, known:] = 0.0
     else:
         e_y, P_y = with_clone(later.kept, later.e, later.P)
-        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
+        prior, cross = predicted(filtered.bank, later.kept, imu, parameters[0], n)
         step = later.kept.correction + e_y
         up = np.array(up_direction(later.kept.bank.state[0].r_e))
         step[PSI : PSI + 3] = one_after_another(later.kept.correction[PSI : PSI + 3], e_y[PSI : PSI + 3], up)
     gain, change = regression(cross, prior), P_y - prior
-    smoothed = kept.bank.P[0, :n, :n] + gain @ change @ gain.T
+    smoothed = filtered.bank.P[0, :n, :n] + gain @ change @ gain.T
     onward = NextEpoch(later.kept.t_ns, prior, step, change, imu)
-    return SmoothedEpoch(kept, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
+    return SmoothedEpoch(filtered, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
 
 
 def doubt_what_jumped(prior: Float64, d: Float64) -> None:

@@ -103,12 +103,12 @@ def left_behind(
     return CarriedState(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
 
 
-def kept_over(kept: CarriedState | None, cut: Cut) -> CarriedState | None:
+def kept_over(carried: CarriedState | None, cut: Cut) -> CarriedState | None:
     """Return the state kept over a cut; two cuts without a start between them become one."""
-    if kept is None:
+    if carried is None:
         return None
-    first = kept.cut.next_ns == kept.cut.last_ns
-    return replace(kept, cut=cut if first else Cut(kept.cut.last_ns, cut.next_ns, math.inf))
+    first = carried.cut.next_ns == carried.cut.last_ns
+    return replace(carried, cut=cut if first else Cut(carried.cut.last_ns, cut.next_ns, math.inf))
 
 
 def is_violent(window: AlignmentWindow) -> bool:
@@ -126,7 +126,7 @@ def _steady(window: AlignmentWindow, error: Float64, config: FilterConfig) -> bo
 
 
 def open_carried(
-    kept: CarriedState,
+    carried: CarriedState,
     setup: FilterSetup,
     imu: ImuSamples,
     fix: Fix,
@@ -145,8 +145,8 @@ def open_carried(
     earlier : a fix with a velocity, at least a window older; None: the acceleration is not known
     """
     v_a, P_v = motion
-    config, several = setup.config, len(kept.bank.state) > 1
-    parked = kept.parked and _still_there(kept, window, fix, v_a, config)
+    config, several = setup.config, len(carried.bank.state) > 1
+    parked = carried.parked and _still_there(carried, window, fix, v_a, config)
     if several and not parked:
         return None
     a_e, sd_a = None, 0.0
@@ -156,26 +156,26 @@ def open_carried(
     C_ne = level_axes(fix.r_a)
     attitudes: list[StartAttitude] = []
     members: list[int] = []
-    for i, m in enumerate(kept.bank.state):
+    for i, m in enumerate(carried.bank.state):
         accel, gyro = whole_errors_of(m, setup.layout)
         own = window.without(accel, gyro)
-        headings = _parked_heading(kept.bank, i)
+        headings = _parked_heading(carried.bank, i)
         if not parked:
-            headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
+            headings = _headings(carried, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
         headings = headings or open_headings(fix.r_a, v_a, P_v, config)
-        found = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
-        attitudes += [_without_errors(one, gyro, parked) for one in found]
-        members += [i] * len(found)
+        starts = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
+        attitudes += [_without_errors(one, gyro, parked) for one in starts]
+        members += [i] * len(starts)
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
     kin = kinematics_from_fix(fix, v_a, P_v, config)
     bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
     bank.head["from_fix"] = 1
     for state, P, i in zip(bank.state, bank.P, members, strict=True):
-        _carry_sensor_errors(kept, i, state, P, par, fix, setup.layout)
-        _carry_values(kept, i, state, P, par, fix, setup.layout)
+        _carry_sensor_errors(carried, i, state, P, par, fix, setup.layout)
+        _carry_values(carried, i, state, P, par, fix, setup.layout)
     for name in ("slip", "slip_variance", "slip_ns", "slip_walk", "slip_s"):
-        bank.head[name] = kept.bank.head[name]
-    return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
+        bank.head[name] = carried.bank.head[name]
+    return bank, [Event(fix.t_ns, "start", _in_words(carried, fix, attitudes, parked))]
 
 
 def _parked_heading(bank: Bank, i: int) -> list[StartHeading] | None:
@@ -185,8 +185,8 @@ def _parked_heading(bank: Bank, i: int) -> list[StartHeading] | None:
     return [StartHeading(attitude(m)[2], sigma, math.exp(m.log_weight))]
 
 
-def _in_words(kept: CarriedState, fix: Fix, attitudes: list[StartAttitude], parked: bool) -> str:
-    away = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+def _in_words(carried: CarriedState, fix: Fix, attitudes: list[StartAttitude], parked: bool) -> str:
+    away = (fix.t_ns - carried.cut.last_ns) / NS_PER_S
     how = "parked before and after" if parked else "position, velocity and clock from a fix"
     yaw = f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
     if len(attitudes) > 1:
@@ -204,28 +204,30 @@ def _without_errors(attitude: StartAttitude, gyro: Float64, parked: bool) -> Sta
 
 
 def _still_there(
-    kept: CarriedState, window: AlignmentWindow, fix: Fix, v_a: Float64, config: FilterConfig
+    carried: CarriedState, window: AlignmentWindow, fix: Fix, v_a: Float64, config: FilterConfig
 ) -> bool:
     """Return whether a parked vehicle still stands as it stood: place, velocity, rates and the direction of gravity."""
-    m, P = kept.state, kept.P
-    accel, gyro = kept.errors
+    m, P = carried.state, carried.P
+    accel, gyro = carried.errors
     if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, gyro, config):
         return False
     away = float(np.linalg.norm(fix.r_a - m.r_e))
     sigma = math.sqrt(np.trace(P[:3, :3]) + np.trace(fix.P[:3, :3]))
     f_b = window.f_b - accel
-    across = np.cross(kept.f_b, f_b) / (np.linalg.norm(kept.f_b) * np.linalg.norm(f_b))
+    across = np.cross(carried.f_b, f_b) / (np.linalg.norm(carried.f_b) * np.linalg.norm(f_b))
     return bool(away < _STILL_M + 3.0 * sigma and np.linalg.norm(across) < _STILL_TILT_RAD)
 
 
 def _headings(
-    kept: CarriedState, imu: ImuSamples, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
+    carried: CarriedState, imu: ImuSamples, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
 ) -> list[StartHeading] | None:
     """Return the remaining knowledge of the heading; None: the whole circle is open."""
-    by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
-    by_course = _by_course(kept, fix, v_n, variance_v)
+    by_rates = _by_rates(
+        carried, imu, fix, attitude(carried.state)[2], yaw_variance(carried.state, carried.P)
+    )
+    by_course = _by_course(carried, fix, v_n, variance_v)
     n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
-    gap_s = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    gap_s = (fix.t_ns - carried.cut.last_ns) / NS_PER_S
     if by_course is not None:
         apart = math.remainder(by_course.yaw - by_rates.yaw, 2.0 * math.pi)
         agree = apart**2 < _AGREE2 * (by_course.sigma**2 + by_rates.sigma**2)
@@ -247,30 +249,30 @@ def _headings(
     return None
 
 
-def _by_rates(kept: CarriedState, imu: ImuSamples, fix: Fix, yaw: float, variance: float) -> StartHeading:
+def _by_rates(carried: CarriedState, imu: ImuSamples, fix: Fix, yaw: float, variance: float) -> StartHeading:
     """Return the heading at the fix by the rates at both ends of the gap and the samples after it."""
-    cut, (_, gyro) = kept.cut, kept.errors
+    cut, (_, gyro) = carried.cut, carried.errors
     if fix.t_ns - cut.next_ns > _LONGEST_WAY_S * NS_PER_S:
         return StartHeading(yaw, math.inf, 1.0)
-    down = -kept.f_b / np.linalg.norm(kept.f_b)
+    down = -carried.f_b / np.linalg.norm(carried.f_b)
     first, last = np.searchsorted(imu.t_ns, [cut.next_ns, fix.t_ns], side="right")
     rate = (imu.w_ib_b - gyro) @ down
     inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, MOTION_TIME_S)
-    turned = inside * float(kept.w_b @ down + rate[max(int(first) - 1, 0)])
+    turned = inside * float(carried.w_b @ down + rate[max(int(first) - 1, 0)])
     turned += float(rate[first:last] @ np.diff(imu.t_ns[first - 1 : last])) / NS_PER_S
     return StartHeading(math.remainder(yaw + turned, 2.0 * math.pi), math.sqrt(variance + cut.rotation), 1.0)
 
 
-def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) -> StartHeading | None:
+def _by_course(carried: CarriedState, fix: Fix, v_n: Float64, variance_v: float) -> StartHeading | None:
     """Return the heading at the fix by the course, None where the vehicle has not shown that it keeps to it."""
-    head: HeadRecord = kept.bank.head[0]
+    head: HeadRecord = carried.bank.head[0]
     speed = math.hypot(v_n[0], v_n[1])
     if head.slip_s < _SEEN_S or speed < LEAST_SPEED_MPS:
         return None
     angle, variance, t_ns = head.slip, head.slip_variance, int(head.slip_ns)
-    now, variance_now = sideslip(kept.state, kept.P)
+    now, variance_now = sideslip(carried.state, carried.P)
     if math.isfinite(variance_now):
-        angle, variance, t_ns = now, variance_now, kept.cut.last_ns
+        angle, variance, t_ns = now, variance_now, carried.cut.last_ns
     walk = max(float(head.slip_walk), _LEAST_SLIP_WALK) * (fix.t_ns - t_ns) / NS_PER_S
     sigma = math.sqrt(walk + variance + variance_v / speed**2)
     if sigma > math.pi / 4.0:
@@ -290,16 +292,16 @@ def errors_in_a_gap(
 
 
 def _carry_sensor_errors(
-    kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
+    carried: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
     """Give a hypothesis the earlier sensor errors, and the tilt its share of their uncertainty.
 
     Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """
-    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    old, seconds = carried.bank.state[i], (fix.t_ns - carried.cut.last_ns) / NS_PER_S
     errors, keep, grown = errors_in_a_gap(old, par, seconds, layout)
     m.failed[:] = old.failed
-    cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
+    cov = carried.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g
     for at in layout.sensor_states:
         m.optional[at - OFFSETS] = old.optional[at - OFFSETS]
@@ -314,15 +316,15 @@ def _carry_sensor_errors(
 
 
 def _carry_values(
-    kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
+    carried: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
     """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
-    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    old, seconds = carried.bank.state[i], (fix.t_ns - carried.cut.last_ns) / NS_PER_S
     for value in range(layout.n_values):
         at = OFFSETS + value
         if at in layout.sensor_states:
             continue
-        variance = kept.bank.P[i][at, at] + par.optional_density[value] * seconds
+        variance = carried.bank.P[i][at, at] + par.optional_density[value] * seconds
         apart2 = (m.optional[value] - old.optional[value]) ** 2
         agrees = value >= layout.n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
         if agrees and P[at, at] > variance:

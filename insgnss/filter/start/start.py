@@ -133,17 +133,17 @@ def attitudes_at_start(
         sd_motion = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_motion)
     in_doubt = 0.5 * rate_in_doubt(window, config, grade) if a_e is None else np.zeros(3)
     sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD, sd_motion)
-    found = []
+    attitudes = []
     for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.still_f_b if a_e is None else window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
-        found.append(
+        attitudes.append(
             StartAttitude(
                 *(roll, pitch, yaw, sd_level, sd_yaw, weight),
                 *(b_g - in_doubt, sd_b_g, a_e is None, sd_motion, in_doubt),
             )
         )
-    return found
+    return attitudes
 
 
 def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[StartHeading]:

@@ -88,16 +88,16 @@ class Starter:
         if window is None or motion is None:
             return None, fix, []
         if self.carried is not None:
-            found = self._carried_start(self.carried, imu, fix, window, motion, par)
+            opened = self._carried_start(self.carried, imu, fix, window, motion, par)
         else:
-            found = self._automatic_start(imu, fix, window, motion, par, patient=patient)
-        if found[0] is not None and self.carried is None:
-            begin_with_model_noise(found[0], rows, epoch, par)
-        return found
+            opened = self._automatic_start(imu, fix, window, motion, par, patient=patient)
+        if opened[0] is not None and self.carried is None:
+            begin_with_model_noise(opened[0], rows, epoch, par)
+        return opened
 
     def _carried_start(
         self,
-        kept: CarriedState,
+        carried: CarriedState,
         imu: ImuSamples,
         fix: Fix,
         window: AlignmentWindow,
@@ -106,12 +106,12 @@ class Starter:
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Open the bank after a gap in the samples."""
         earlier = self._earlier_fix(fix, with_velocity=True)
-        if earlier is None and not kept.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
+        if earlier is None and not carried.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
             return None, fix, []  # the acceleration, without which nothing says which way is up
         waited = fix.t_ns - (self.first_try_ns or fix.t_ns)
         if is_violent(window) and waited < _VIOLENT_S * NS_PER_S:
             return None, fix, []
-        opened = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
+        opened = open_carried(carried, self.setup, imu, fix, window, motion, earlier, par)
         if opened is None:
             self.carried = None
             return self._automatic_start(imu, fix, window, motion, par, patient=False)
@@ -237,8 +237,8 @@ class Starter:
             f"{100.0 * below:.0f} % of the satellites are below the horizon of the given state; their ranges meet at"
             f" {math.degrees(lat):.3f}, {math.degrees(lon):.3f} deg: starting automatically instead"
         )
-        bank, found, events = self.try_start(imu, rows, epoch, par)
-        return bank, found, [Event(t_ns, "start_refused", detail), *events]
+        bank, new_fix, events = self.try_start(imu, rows, epoch, par)
+        return bank, new_fix, [Event(t_ns, "start_refused", detail), *events]
 
     def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: ImuSamples) -> Bank:  # type: ignore[type-arg]
         return open_bank(

@@ -156,10 +156,10 @@ class StartValidation:
         weight = self.bank.state["log_weight"].copy()
         weight[: self.n_given] = -math.inf
         keep = np.flatnonzero(weight > weight.max() + self.setup.log_drop)
-        found = select_members(self.bank, keep.astype(np.int64))
-        found.head["heading_open"] = 1
-        found.head["more_than_headings"] = 0
-        return found
+        bank = select_members(self.bank, keep.astype(np.int64))
+        bank.head["heading_open"] = 1
+        bank.head["more_than_headings"] = 0
+        return bank
 
     def _open(
         self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
@@ -168,8 +168,8 @@ class StartValidation:
         t_ns = int(rows.epoch_ns[epoch])
         lead = bank.state[bank.head[0].leader]
         self.starter.headings = self._headings(bank)
-        found, _, _ = self.starter.try_start(imu, rows, epoch, parameters[0])
-        if found is None:
+        opened, _, _ = self.starter.try_start(imu, rows, epoch, parameters[0])
+        if opened is None:
             self.over = t_ns - self.since_ns > _PATIENCE_NS
             return
         for name in (
@@ -182,8 +182,8 @@ class StartValidation:
             "cn0_level",
             "cn0_level_ns",
         ):
-            found.state[name] = lead[name]
-        self.bank = joined_banks(bank, found)
+            opened.state[name] = lead[name]
+        self.bank = joined_banks(bank, opened)
         self.bank.head["more_than_headings"] = 1
         clear_failures(self.bank)
         self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True

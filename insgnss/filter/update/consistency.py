@@ -176,15 +176,15 @@ def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
 
     Where no row has a distance, -1 and 0.
     """
-    found, distance2 = _NONE, 0.0
+    row, distance2 = _NONE, 0.0
     for j in range(T.shape[0]):
         if active[j] == which:
             w2 = own_distance2(T, j)
             if w2 < 0.0:
                 continue
-            if found < 0 or (w2 > distance2) == (which == 1):
-                found, distance2 = j, w2
-    return found, distance2
+            if row < 0 or (w2 > distance2) == (which == 1):
+                row, distance2 = j, w2
+    return row, distance2
 
 
 @kernel(inline=True)

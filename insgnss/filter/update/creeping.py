@@ -112,10 +112,10 @@ def follow_satellites(
                 quiet = shown_noise(memory, lines, observation, values, now)
             if stands_out(memory, lines, observation, kind, now, fit, gate2, quiet):
                 anew = kind == RANGE_RATE
-                found = find_creeping(memory, lines, observation, kind, now, gate2, anew, quiet)
-                if found == 0 and anew:
-                    found = find_creeping(memory, lines, observation, kind, now, gate2, False, quiet)
-                if found > 0:
+                n_creeping = find_creeping(memory, lines, observation, kind, now, gate2, anew, quiet)
+                if n_creeping == 0 and anew:
+                    n_creeping = find_creeping(memory, lines, observation, kind, now, gate2, False, quiet)
+                if n_creeping > 0:
                     refused = refuse_left_out(memory, lines, observation, now)
                     if kind == RANGE_RATE:
                         m.crept_ns = t_ns
@@ -277,16 +277,16 @@ def find_creeping(
         removed += remove_smallest_set(T, active, gate2, most - removed)
     if farthest(T, active, 1)[1] > gate2:
         return 0
-    found = 0
+    n_creeping = 0
     for a in range(n):
         mean = memory[observation[index[a]].slot]
         away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
         if active[a] == 0 and away:
-            found += 1
+            n_creeping += 1
             mean[LEFT_OUT_S] = now + _HELD_S[kind]
         elif active[a] == 1 and anew:
             mean[LEFT_OUT_S] = -math.inf
-    return found
+    return n_creeping
 
 
 @kernel(inline=True)

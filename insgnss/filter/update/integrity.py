@@ -279,12 +279,12 @@ def follow_explained(
                 for j in range(3):
                     fit[i, j] += own_covariance(prior, par, kind, i, j)
         in_sigmas = count > 0 and whiten(fit)
-        kept = 1.0 - share if since <= _FORGOTTEN_S else 0.0
-        m.explained_variance[witness] = kept * kept * m.explained_variance[witness] + share * share
+        decay = 1.0 - share if since <= _FORGOTTEN_S else 0.0
+        m.explained_variance[witness] = decay * decay * m.explained_variance[witness] + share * share
         total = 0.0
         for i in range(3):
             sigmas = max(min(fit[X, i], _MOST_SIGMAS), -_MOST_SIGMAS) if in_sigmas else 0.0
-            m.explained[witness, i] = kept * m.explained[witness, i] + share * sigmas
+            m.explained[witness, i] = decay * m.explained[witness, i] + share * sigmas
             total += m.explained[witness, i] * m.explained[witness, i]
         if share > 0.0:
             m.suspicion = max(m.suspicion, total / m.explained_variance[witness])

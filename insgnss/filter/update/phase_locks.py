@@ -41,8 +41,8 @@ def refuse_unlocked(
 ) -> None:
     """Refuse an epoch's carrier differences whose phases are not shown to be locked; ``memory``: (slots, N_MEMORY)."""
     first, now = rows.first[epoch], rows.epoch_ns[epoch] * 1e-9
-    kept = math.exp(-since_last / _SHARE_S)
-    m.carriers_tested, m.carriers_failed = kept * m.carriers_tested, kept * m.carriers_failed
+    decay = math.exp(-since_last / _SHARE_S)
+    m.carriers_tested, m.carriers_failed = decay * m.carriers_tested, decay * m.carriers_failed
     for j in range(lines.shape[0]):
         status = rows.carrier[first + j].status
         passes = status == USED

@@ -64,11 +64,11 @@ def place_of(head: HeadRecord, n: int, name: int) -> int:
 @kernel(inline=True)
 def longest_unseen(head: HeadRecord, n: int, t_ns: int) -> int:
     """Return a free place, else that of the satellite unseen for longest; -1 if all are in the epoch ``t_ns``."""
-    found = -1
+    oldest = -1
     for i in range(n):
-        if head.biased_ns[i] < t_ns and (found < 0 or head.biased_ns[i] < head.biased_ns[found]):
-            found = i
-    return found
+        if head.biased_ns[i] < t_ns and (oldest < 0 or head.biased_ns[i] < head.biased_ns[oldest]):
+            oldest = i
+    return oldest
 
 
 @kernel(inline=True)

@@ -45,7 +45,7 @@ _LARGEST_SQUARE: Final = 9.0  # of a residual over its variance
 @kernel(inline=True)
 def follow_weak_signals(m: StateRecord, par: Parameters, lines: Lines, fit: Float64, since_s: float) -> None:
     """Carry on the sums of k with an epoch ``since_s`` after the one before; ``fit`` is that of its pseudoranges."""
-    level, kept = max(weak_signal_level(m), 1.0), math.exp(-since_s * par.adapt_gain)
+    level, decay = max(weak_signal_level(m), 1.0), math.exp(-since_s * par.adapt_gain)
     shown, rows = 0.0, 0.0
     largest, largest_shown, largest_rows = 0.0, 0.0, 0.0
     for j in range(lines.shape[0]):
@@ -65,5 +65,5 @@ def follow_weak_signals(m: StateRecord, par: Parameters, lines: Lines, fit: Floa
         rows += clear2 * share
         if square > largest * share * r:
             largest, largest_shown, largest_rows = square / (share * r), of_row, clear2 * share
-    m.weak_shown = max(kept * m.weak_shown + shown - largest_shown, 0.0)
-    m.weak_rows = kept * m.weak_rows + rows - largest_rows
+    m.weak_shown = max(decay * m.weak_shown + shown - largest_shown, 0.0)
+    m.weak_rows = decay * m.weak_rows + rows - largest_rows
