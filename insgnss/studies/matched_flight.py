@@ -271,8 +271,8 @@ def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int
         return flight.run(flight.draw(np.random.default_rng([seed, number])))
 
     with ThreadPoolExecutor(threads or usable_cores()) as pool:
-        found = list(pool.map(one, range(runs)))
-    return MonteCarlo(*(np.array([getattr(o, name) for o in found]) for name in MonteCarlo._fields))
+        outcomes = list(pool.map(one, range(runs)))
+    return MonteCarlo(*(np.array([getattr(o, name) for o in outcomes]) for name in MonteCarlo._fields))
 
 
 def covariance_analysis(flight: MatchedFlight) -> FilterErrors:
@@ -290,8 +290,8 @@ def _flown(scenario: str | None, duration_s: float) -> tuple[Trajectory, Navigat
         sky = constellation_over(AIRFIELD, PAPER_SKY, _START_NS, max(duration_s, 1200.0), _TOE_NS)
         return airborne_turns(duration_s), sky, _START_NS, duration_s
     path = find("scenarios", scenario)
-    made = assemble(load_toml(path, SimulationConfig), path.parent, duration_s=duration_s)
-    return made.trajectory, made.navigation, made.start_ns, made.duration_s
+    assembly = assemble(load_toml(path, SimulationConfig), path.parent, duration_s=duration_s)
+    return assembly.trajectory, assembly.navigation, assembly.start_ns, assembly.duration_s
 
 
 def _config() -> FilterConfig:
@@ -370,8 +370,8 @@ def _nees_words(nees: Float64) -> str:
 
 def _nees(error: Float64, P: Float64) -> Float64:
     """Return e^T P^-1 e (k, 7) of each block, its own part of the covariance inverted."""
-    found = []
+    nees = []
     for part in BLOCKS.values():
         e = error[:, part]
-        found.append(np.sum(e * np.linalg.solve(P[:, part, part], e[..., None])[..., 0], axis=1))
-    return np.array(found).T
+        nees.append(np.sum(e * np.linalg.solve(P[:, part, part], e[..., None])[..., 0], axis=1))
+    return np.array(nees).T

@@ -61,15 +61,19 @@ def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
         float(asked["noise_factor"]),
         scenario=str(asked["scenario"]) or None,
     )
-    found = flight.run(flight.draw(np.random.default_rng([seed])))
+    outcome = flight.run(flight.draw(np.random.default_rng([seed])))
     rows: list[Row] = []
     for k, look in enumerate(flight.looks):
         row: dict[str, float] = {"time_s": float(flight.simulator.tag_s[look])}
-        row |= {f"nees_{name}": float(found.nees[k, i]) for i, name in enumerate(BLOCKS)}
-        row |= {"nis_range": float(found.nis[0]), "nis_rate": float(found.nis[1]), "refused": found.n_refused}
+        row |= {f"nees_{name}": float(outcome.nees[k, i]) for i, name in enumerate(BLOCKS)}
+        row |= {
+            "nis_range": float(outcome.nis[0]),
+            "nis_rate": float(outcome.nis[1]),
+            "refused": outcome.n_refused,
+        }
         for name, unit in _AXES.items():
-            row[f"{name}_error_{unit}"] = float(np.linalg.norm(found.error[k, BLOCKS[name]]))
-            row[f"{name}_sd_{unit}"] = float(np.linalg.norm(found.sd[k, BLOCKS[name]]))
+            row[f"{name}_error_{unit}"] = float(np.linalg.norm(outcome.error[k, BLOCKS[name]]))
+            row[f"{name}_sd_{unit}"] = float(np.linalg.norm(outcome.sd[k, BLOCKS[name]]))
         rows.append(row)
     return rows
 
@@ -141,11 +145,11 @@ def require_used(case_name: str, cases: Iterable[Mapping[str, Any]]) -> None:
         variant = VARIANTS.get(str(asked["variant"]))
         if variant is not None:
             tracking, with_ins = str(asked["tracking"]), bool(asked["imu"])
-            options, found = ReceiverOptions(**given), dict[str, ConfigError]()
+            options, errors = ReceiverOptions(**given), dict[str, ConfigError]()
             with suppress(ConfigError):
-                found = unused_options(options, {"receiver": variant}, tracking, with_ins=with_ins)
-            unused |= found
-            used |= set(given) - set(found)
+                errors = unused_options(options, {"receiver": variant}, tracking, with_ins=with_ins)
+            unused |= errors
+            used |= set(given) - set(errors)
     for key, error in unused.items():
         if key not in used:
             raise error

@@ -82,10 +82,10 @@ def _report(future: Any) -> TaskReport:
     """Return what a worker said, or why none could; the scheduler forgets the task either way."""
     error = future.exception()
     if error is None:
-        found: TaskReport = future.result()
+        report: TaskReport = future.result()
     else:
-        found = TaskReport(
+        report = TaskReport(
             str(future.key).removeprefix("insgnss-"), 0, 0, 0.0, f"{type(error).__name__}: {error}"
         )
     future.release()
-    return found
+    return report

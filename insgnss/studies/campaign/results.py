@@ -172,10 +172,10 @@ def with_parameters(table: pd.DataFrame, config: CampaignConfig) -> pd.DataFrame
 
 def failures(folder: str | Path) -> pd.DataFrame:
     """Return the runs that failed: case, seed, error."""
-    found: pd.DataFrame = (
+    rows: pd.DataFrame = (
         data_set(folder).to_table(columns=list(KEY_COLUMNS), filter=ds.field("error") != "").to_pandas()
     )
-    return found
+    return rows
 
 
 def _is_number(column: Any) -> bool:

@@ -220,14 +220,14 @@ def run_campaign(
     tell = report or (lambda *_: None)
     n_runs = n_failed = done = 0
     finished: set[str] = set()
-    for found in _reports(left, workers, scheduler):
+    for task_report in _reports(left, workers, scheduler):
         done += 1
-        if found.error:
-            tell(found, n_tasks - len(left) + done, n_tasks)
+        if task_report.error:
+            tell(task_report, n_tasks - len(left) + done, n_tasks)
             continue
-        finished.add(found.key)
-        n_runs, n_failed = n_runs + found.n_runs, n_failed + found.n_failed
-        tell(found, n_tasks - len(left) + done, n_tasks)
+        finished.add(task_report.key)
+        n_runs, n_failed = n_runs + task_report.n_runs, n_failed + task_report.n_failed
+        tell(task_report, n_tasks - len(left) + done, n_tasks)
     lost = tuple(task.key for task in left if task.key not in finished)
     return CampaignDone(path, n_tasks, n_tasks - len(left), n_runs, n_failed, lost)
 

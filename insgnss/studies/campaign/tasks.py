@@ -103,8 +103,8 @@ def run_task(task: Task) -> TaskReport:
             "seed": seed,
         }
         try:
-            found = [dict(row) for row in function(task.case, seed)]
-            rows += [{**start, "error": "", **row} for row in found]
+            results = [dict(row) for row in function(task.case, seed)]
+            rows += [{**start, "error": "", **row} for row in results]
         except Exception as error:  # whatever a case does, the campaign goes on and says so
             n_failed += 1
             rows.append({**start, "error": "".join(traceback.format_exception_only(error)).strip()})

@@ -52,14 +52,14 @@ class ErrorComponent(NamedTuple):
 def error_rows(errors: pd.DataFrame, from_s: float, confidence: float) -> list[ErrorComponent]:
     """Return the statistics of each component with a reference, then of each whole block, from a time on."""
     table = errors[errors["time_s"] >= from_s]
-    found: list[ErrorComponent] = []
+    components: list[ErrorComponent] = []
     for block, names in BLOCKS.items():
         scaled = [_scaled(table, name) for name in names]
         parts = [_component(table, name, z, confidence) for name, z in zip(names, scaled, strict=True)]
-        found += [part for part in parts if part is not None]
+        components += [part for part in parts if part is not None]
         if all(part is not None for part in parts):
-            found.append(_block(block, scaled, confidence))
-    return found
+            components.append(_block(block, scaled, confidence))
+    return components
 
 
 def _scaled(table: pd.DataFrame, name: str) -> Float64:

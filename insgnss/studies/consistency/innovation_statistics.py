@@ -197,14 +197,14 @@ def common_factor(used: pd.DataFrame, gate: float) -> float:
     freedom = 1.0 - rows["leverage"].to_numpy()
     if freedom.sum() < LEAST_ROWS:
         return math.nan
-    found = float(np.sum(rows["residual"].to_numpy() ** 2 * freedom) / freedom.sum())
+    mean_square = float(np.sum(rows["residual"].to_numpy() ** 2 * freedom) / freedom.sum())
     share = float(rows["share"].mean())
 
     def excess(log_f: float) -> float:
         f2 = math.exp(2.0 * log_f)
         q = share + f2 * (1.0 - share)
         taken = 1.0 - float(truncated_mean(gate / math.sqrt(q)))
-        return found - f2 * (1.0 - f2 * (1.0 - share) / q * taken)
+        return mean_square - f2 * (1.0 - f2 * (1.0 - share) / q * taken)
 
     ends = -math.log(_LARGEST_FACTOR), math.log(_LARGEST_FACTOR)
     if not excess(ends[0]) > 0.0 > excess(ends[1]):

@@ -79,8 +79,8 @@ class Consistency(ResultDisplay):
     @property
     def noise_factors(self) -> dict[str, float]:
         """The factor on the assumed sigma of each kind; kinds without a result are left out."""
-        found = self.kinds.set_index("kind")["factor"]
-        return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
+        factors = self.kinds.set_index("kind")["factor"]
+        return {str(kind): float(f) for kind, f in factors.items() if np.isfinite(f)}
 
     def __str__(self) -> str:
         return "\n".join(self.verdict)
@@ -160,9 +160,9 @@ def _start(run: Run) -> float:
 def _kind_table(judged: InnovationRows, confidence: float) -> pd.DataFrame:
     rows = []
     for kind in GATE_KEYS:
-        found = nis_of(judged.table[judged.table["kind"] == kind], judged.gates[kind], confidence)
-        if found is not None:
-            rows.append({"kind": kind, **found._asdict()})
+        nis = nis_of(judged.table[judged.table["kind"] == kind], judged.gates[kind], confidence)
+        if nis is not None:
+            rows.append({"kind": kind, **nis._asdict()})
     return pd.DataFrame(rows, columns=["kind", *Nis._fields])
 
 
@@ -174,9 +174,9 @@ def _satellite_table(judged: InnovationRows, kinds: pd.DataFrame, confidence: fl
         groups = judged.table[judged.table["kind"] == kind].groupby("sv")
         alone = 1.0 - (1.0 - confidence) / max(groups.ngroups, 1)
         for sv, group in groups:
-            found = nis_of(group, judged.gates[kind], alone, float(factor.get(kind, np.nan)))
-            if found is not None:
-                rows.append({"kind": kind, "sv": str(sv), **found._asdict()})
+            nis = nis_of(group, judged.gates[kind], alone, float(factor.get(kind, np.nan)))
+            if nis is not None:
+                rows.append({"kind": kind, "sv": str(sv), **nis._asdict()})
     return pd.DataFrame(rows, columns=["kind", "sv", *Nis._fields])
 
 
@@ -185,10 +185,10 @@ def _whiteness_table(judged: InnovationRows, lags: int, confidence: float) -> pd
     for kind in GATE_KEYS:
         rows = judged.table[(judged.table["kind"] == kind) & judged.table["used"]]
         period_s = period_of(rows["time_s"].to_numpy())
-        found = whiteness_of(rows, period_s, lags, confidence)
-        if found is None:
+        whiteness = whiteness_of(rows, period_s, lags, confidence)
+        if whiteness is None:
             continue
-        values = found._asdict()
+        values = whiteness._asdict()
         columns = {name: values[name] for name in _WHITENESS}
         single = {name: value for name, value in values.items() if name not in _WHITENESS}
         lag_s = period_s * np.arange(1, lags + 1)

@@ -174,12 +174,12 @@ def supervised_channels(
     sv_names : of its m satellites
     said : its decisions
     """
-    found: list[ChannelSpell] = []
+    channel_spells: list[ChannelSpell] = []
     for spell in spells:
         k = list(sv_names).index(spell.sv)
         again = np.flatnonzero((said.state[:, k] == TRACK) & (t_s >= spell.until_s))
-        first = all(earlier.sv != spell.sv for earlier in found)
-        found.append(
+        first = all(earlier.sv != spell.sv for earlier in channel_spells)
+        channel_spells.append(
             ChannelSpell(
                 spell.sv,
                 spell.from_s,
@@ -190,7 +190,7 @@ def supervised_channels(
                 in_vain_s=float(said.totals.in_vain_s[k]) if first else 0.0,
             )
         )
-    return found
+    return channel_spells
 
 
 def presence_of(spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str]) -> Int8:

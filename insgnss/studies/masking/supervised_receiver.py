@@ -81,7 +81,7 @@ def supervised_channels_of(
     out, _ = run_filter(
         setup, imu, setup.rows(gnss, None), "gnss", trace=TraceIntervals(rate_hz, 1.0 / rate_hz)
     )
-    found = traced(out.trace, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
+    filter_trace = traced(out.trace, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
     aiding = AidingSetup(
         AidingConfig(horizon_deg=-90.0, sigma_interval_s=1.0 / rate_hz),
         sensor_model(setup.grade),
@@ -95,8 +95,8 @@ def supervised_channels_of(
         scenario.search,
         setup.config.measurements.elevation_mask_deg,
     )
-    t_s = (found.trace.t_ns - START_NS) / NS_PER_S
-    view = outlook(supervised, law_arcs(sky, scenario.sv_names, float(t_s[-1])), found)
+    t_s = (filter_trace.trace.t_ns - START_NS) / NS_PER_S
+    view = outlook(supervised, law_arcs(sky, scenario.sv_names, float(t_s[-1])), filter_trace)
     present = presence_of(spells, t_s, view.sv_names)
     return SupervisedChannels(
         t_s, view.sv_names, supervise(view.predicted, present, scenario.search, view.scale)

@@ -77,14 +77,14 @@ def percentile_table(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
     ``sd`` is the root mean square of the predicted sigmas, ``sd_ratio`` the actual root mean square over it.
     """
-    found = [
+    parts = [
         _of_measure(table, measure).assign(against=against, measure=measure)
         for against, table in tables.items()
         if len(table)
         for measure in MEASURES
     ]
     names = ["against", "measure", "since_s", "n", "p50", "p68", "p95", "max", "rms", "sd", "sd_ratio"]
-    return pd.concat(found, ignore_index=True)[names]
+    return pd.concat(parts, ignore_index=True)[names]
 
 
 def _of_measure(table: pd.DataFrame, measure: str) -> pd.DataFrame:

@@ -128,7 +128,7 @@ def undisturbed(
     samples = screened(imu, log.setup)
     out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_shown)
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
-    kept: list[Checkpoint] = []
+    checkpoints: list[Checkpoint] = []
     started = False
     carried: CarriedState | None = None
     for part, cut in samples.stretches():
@@ -145,14 +145,14 @@ def undisturbed(
             navigator.run(part, rows, e0, at, out)
             e0 = at
             if navigator.bank is not None:
-                kept.append(Checkpoint(window, navigator.snapshot(), part))
+                checkpoints.append(Checkpoint(window, navigator.snapshot(), part))
         navigator.run(part, rows, e0, e1, out)
         if navigator.bank is not None:
             _carry_on(navigator, part, int(part.t_ns[-1]), rows, out)
         carried = navigator.leave(part)
         started = started or navigator.started_ns is not None
-    has_one = {checkpoint.window for checkpoint in kept}
-    return log.nav(out), kept, [window for window in windows if window not in has_one]
+    has_one = {checkpoint.window for checkpoint in checkpoints}
+    return log.nav(out), checkpoints, [window for window in windows if window not in has_one]
 
 
 def _carry_on(navigator: Navigator, imu: ImuSamples, stop_ns: int, rows: GnssRows, out: Output) -> None:
@@ -225,4 +225,4 @@ def branches(
 ) -> list[Branch]:
     """Return the branch of each checkpoint; the kernels leave Python's lock free, so threads share the work."""
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        return list(pool.map(lambda kept: branch(log, kept, removal, after_s), checkpoints))
+        return list(pool.map(lambda checkpoint: branch(log, checkpoint, removal, after_s), checkpoints))

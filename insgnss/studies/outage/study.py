@@ -166,13 +166,13 @@ def outage_study(
     read = time.perf_counter()
     tell("running the filter undisturbed")
     placed = _placed(log, windows)
-    nav, kept, skipped = undisturbed(log, placed)
-    if not kept:
+    nav, checkpoints, skipped = undisturbed(log, placed)
+    if not checkpoints:
         raise ConfigError("the filter runs in none of the windows", key="windows", advice=_span(nav))
     nav.attrs |= {GPS_WEEK: flight.config.gps_week, FLIGHT: flight.name}
     passed = time.perf_counter()
-    tell(f"running {len(kept)} windows")
-    found = branches(log, kept, removal, after_s, threads or usable_cores())
+    tell(f"running {len(checkpoints)} windows")
+    results = branches(log, checkpoints, removal, after_s, threads or usable_cores())
     done = time.perf_counter()
     took = {"read_s": read - began, "pass_s": passed - read, "branches_s": done - passed}
     asked = {
@@ -182,7 +182,7 @@ def outage_study(
         "after_s": after_s,
         "rate_hz": rate_hz,
     }
-    return _study(log, nav, found, skipped, asked, took)
+    return _study(log, nav, results, skipped, asked, took)
 
 
 def _placed(log: OutageLog, windows: Windows) -> list[OutageWindow]:
@@ -209,14 +209,14 @@ def _span(nav: pd.DataFrame) -> str:
 def _study(
     log: OutageLog,
     nav: pd.DataFrame,
-    found: list[Branch],
+    results: list[Branch],
     skipped: list[OutageWindow],
     asked: dict[str, Any],
     took: dict[str, float],
 ) -> OutageStudy:
     """Return the tables of all branches."""
     drifts, errors, rows = [], [], []
-    for number, branch in enumerate(found):
+    for number, branch in enumerate(results):
         drift = differences(branch.nav, nav, branch.window.from_s)
         drifts.append(drift.assign(window=number))
         rows.append({"window": number, **_window_row(branch, drift)})

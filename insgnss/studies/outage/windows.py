@@ -180,14 +180,14 @@ def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[OutageWindow]:
     """
     t_s, beyond = nav["time_s"].to_numpy(), (nav["roll_deg"].abs() > bank_deg).to_numpy()
     step = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
-    found = [OutageWindow(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in stretches_of(beyond)]
-    if not found:
+    windows = [OutageWindow(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in stretches_of(beyond)]
+    if not windows:
         raise ConfigError(
             f"the bank is never beyond {bank_deg:g} deg",
             key="bank_deg",
             advice=f"the largest is {nav['roll_deg'].abs().max():.1f} deg",
         )
-    return found
+    return windows
 
 
 def window_ns(window: OutageWindow, week_ns: int) -> tuple[int, int]:

@@ -187,12 +187,12 @@ def receiver_study(
     for error in unused_options(asked.options, wanted, tracking, with_ins=asked.imu is not None).values():
         raise error
     scene, profiles = flight.scene, flight.profiles
-    found: dict[tuple[str, float], list[ReceiverRun]] = {}
+    receiver_runs: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
         for level, profile in profiles.items():
-            found[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
+            receiver_runs[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
             if report is not None:
-                report(len(found), len(wanted) * len(profiles))
+                report(len(receiver_runs), len(wanted) * len(profiles))
     theories = {name: LinearTheory.of(scene, variant) for name, variant in wanted.items()}
     linear = _linear_errors(theories, profiles, steady=emitters is None and antennas is None)
     summary = pd.DataFrame(
@@ -200,19 +200,19 @@ def receiver_study(
             summary_row(scene, name, wanted[name], level, of)
             | {"unsettled": flight.unsettled.get((name, level), "")}
             | {f"linear_{key}": value for key, value in linear[name, level]._asdict().items()}
-            for (name, level), of in found.items()
+            for (name, level), of in receiver_runs.items()
         ]
     )
     return ReceiverStudy(
         summary,
         threshold_table(summary, {name: of.threshold_dbhz() for name, of in theories.items()}, scene),
-        pd.concat([channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
-        search_rows(found),
-        event_rows(found),
+        pd.concat([channel_rows(scene, name, level, of) for (name, level), of in receiver_runs.items()]),
+        search_rows(receiver_runs),
+        event_rows(receiver_runs),
         pd.concat(
             [
                 epoch_rows(scene.setting, name, level, of, profiles[level])
-                for (name, level), of in found.items()
+                for (name, level), of in receiver_runs.items()
             ]
         ),
         {
@@ -266,8 +266,8 @@ def receiver_row(flight: ReceiverFlight, name: str, seed: int) -> dict[str, floa
     variant = variant_of(name)
     run = run_once(flight.scene.setting, variant, profile, seeded(seed, 0))
     row = summary_row(flight.scene, name, variant, level, [run])
-    kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
-    return kept | {"lost_s": float(run.lost_s.min())}
+    values = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
+    return values | {"lost_s": float(run.lost_s.min())}
 
 
 def _check_code(wanted: Mapping[str, Variant], tracking: str) -> None:

@@ -37,15 +37,15 @@ class EstimatedCn0:
         self.believed = np.array(begin_dbhz)  # [dBHz]; NaN: the signal is gone
         self.level = np.where(np.isnan(begin_dbhz), NO_SIGNAL, levels_of(begin_dbhz))
 
-    def take(self, power: Float64, told: Int64) -> Float64:
+    def take(self, power: Float64, levels: Int64) -> Float64:
         """Take a block of integrations; return the estimates of C/N0 (m,) [dBHz], NaN of windows without a signal.
 
         Parameters
         ----------
         power : (block, m) of the prompt replicas, whose scale goes with the C/N0 that the receiver assumes
-        told : (block, m) levels of that
+        levels : (block, m) of that
         """
-        newest, step_s = power / self._channels.table[np.maximum(told, 0), RATIO], self._channels.step_s
+        newest, step_s = power / self._channels.table[np.maximum(levels, 0), RATIO], self._channels.step_s
         estimates = _estimates(newest, step_s)
         weakest = np.full(len(estimates), least_seen_dbhz(len(newest), step_s))
         if self._before is not None and len(self._before) == len(newest):

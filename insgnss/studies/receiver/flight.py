@@ -92,12 +92,12 @@ def receiver_flight(
         chosen = _with_average(asked.options, scene.options, slowest, wanted)
         scene, profiles = _scene(asked._replace(options=chosen), levels)
     after_s = _latest_s(scene)
-    late = {name: _late(found, after_s) for name, found in slowest.items()}
+    late = {name: _late(waits_s, after_s) for name, waits_s in slowest.items()}
     unsettled = {(name, levels[-1]): words for name, words in late.items()}
     if any(late.values()):  # more signal settles sooner
         for level in levels[:-1]:
-            found = settles.at(level)
-            unsettled |= {(name, level): _late(found[name], after_s) for name in wanted}
+            waits_s = settles.at(level)
+            unsettled |= {(name, level): _late(waits_s[name], after_s) for name in wanted}
     return ReceiverFlight(scene, profiles, unsettled)
 
 
@@ -107,9 +107,9 @@ def _latest_s(scene: StudyScene) -> float:
     return truth.step_s * (first + _SLACK * (len(truth.t_s) - first) - scene.fall) + 1e-9
 
 
-def _late(found: Mapping[str, float], after_s: float) -> str:
+def _late(waits_s: Mapping[str, float], after_s: float) -> str:
     """Return the names of errors that settle later than ``after_s``."""
-    return ", ".join(name for name, wait_s in found.items() if wait_s > after_s)
+    return ", ".join(name for name, wait_s in waits_s.items() if wait_s > after_s)
 
 
 class _Settling:
@@ -126,8 +126,10 @@ class _Settling:
         scene, gain = self._scene, self._gain
         fall = Fall(scene.fall, _profile(level, gain, scene.fall), _profile(level, gain, 0), level)
         with ThreadPoolExecutor(self._threads) as pool:
-            found = pool.map(lambda variant: settling_s(scene.setting, variant, fall), self._wanted.values())
-            return dict(zip(self._wanted, found, strict=True))
+            waits_s = pool.map(
+                lambda variant: settling_s(scene.setting, variant, fall), self._wanted.values()
+            )
+            return dict(zip(self._wanted, waits_s, strict=True))
 
 
 def _with_average(
@@ -139,8 +141,8 @@ def _with_average(
     """Return options whose average begins when all receivers have settled, and does not leave too little of the run."""
     waits = [
         wait_s
-        for name, found in slowest.items()
-        for of, wait_s in found.items()
+        for name, of_receiver in slowest.items()
+        for of, wait_s in of_receiver.items()
         if not (wanted[name].with_code and of in _AVERAGED_SINCE_BEGIN)
     ]
     assert longest.duration_s is not None

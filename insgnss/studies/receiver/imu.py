@@ -40,7 +40,7 @@ class UnknownMotion:
 
 
 def with_gaps(
-    told: InertialAiding,
+    aiding: InertialAiding,
     since_s: Float64,
     grade: ImuGrade,
     gaps_s: Sequence[tuple[float, float]],
@@ -57,8 +57,8 @@ def with_gaps(
     for begin_s, end_s in gaps_s:
         missing |= (since_s >= begin_s) & (since_s < end_s)
     held = np.maximum.accumulate(np.where(missing, 0, np.arange(len(since_s))))
-    rate, force = told.rate_b[held], told.force_b[held]
-    ahead = np.where(missing[:, None], 0.0, told.ahead_b)  # a replica is led on by the sample that is held
+    rate, force = aiding.rate_b[held], aiding.force_b[held]
+    ahead = np.where(missing[:, None], 0.0, aiding.ahead_b)  # a replica is led on by the sample that is held
     densities = np.zeros((len(since_s), 2))
     turning = 2.0 * TURNING[0] ** 2 * TURNING[1]
     densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, RAD_PER_DEG), 0] = turning

@@ -30,9 +30,9 @@ def threshold_table(
         # the shares that runs as these leave open, by the beta distribution         [Clopper & Pearson 1934]
         least = stats.beta.ppf(tail, np.maximum(lost, 1e-9), runs - lost + 1.0)
         most = stats.beta.ppf(1.0 - tail, lost + 1.0, np.maximum(runs - lost, 1e-9))
-        found, low, high = (crossing(cn0, share) for share in (lost / runs, least, most))
+        threshold, low, high = (crossing(cn0, share) for share in (lost / runs, least, most))
         linear = linear_dbhz[str(name)]
-        rows.append((name, found, low, high, scene.js_db(found), linear, scene.js_db(linear)))
+        rows.append((name, threshold, low, high, scene.js_db(threshold), linear, scene.js_db(linear)))
     columns = ["variant", "cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz", "linear_js_db"]
     return pd.DataFrame(rows, columns=columns)
 

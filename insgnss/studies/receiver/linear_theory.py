@@ -123,11 +123,11 @@ class LinearTheory:
             return LinearErrors(_rms(errors.phase_rms_rad), errors.velocity_mps, attitude_deg)
         if self.model is None or self.kind == INTERVAL_MESSAGE:
             return NOTHING
-        found, T = sampled_filter(self.model, self.loop, cn0_dbhz), self.loop.accumulation_s
-        phase_rad = _rms(sampled_phase_rms_rad(self.model, found))
+        loop_filter, T = sampled_filter(self.model, self.loop, cn0_dbhz), self.loop.accumulation_s
+        phase_rad = _rms(sampled_phase_rms_rad(self.model, loop_filter))
         if self.kind == ONE_STAGE:
-            return LinearErrors(phase_rad, sampled_one_stage_velocity_mps(self.model, found))
-        solved = sampled_two_stage_velocity_mps(self.model, found, T, self.sky, self.carrier_hz)
+            return LinearErrors(phase_rad, sampled_one_stage_velocity_mps(self.model, loop_filter))
+        solved = sampled_two_stage_velocity_mps(self.model, loop_filter, T, self.sky, self.carrier_hz)
         own = solved if self.kind == SCALAR else math.nan
         return LinearErrors(phase_rad, own, channels_mps=solved)
 

@@ -87,17 +87,17 @@ def run_receiver(
     receiver: ReceiverDesign,
     channels: ChannelConstants,
     arriving: SignalArrivals,
-    told: AidingInputs,
+    inputs: AidingInputs,
     f: FilterRoom,
     room: ChannelRoom,
     noise: Float64,
-    found: ReceiverHistory,
+    history: ReceiverHistory,
 ) -> None:
     """Run a receiver over a block of integrations.
 
     Parameters
     ----------
-    arriving, told : of the n integrations of the block
+    arriving, inputs : of the n integrations of the block
     noise : (n, m, 2, 6 or 12) independent normal numbers
     """
     m, with_filter = f.state[0], receiver.kind != SCALAR
@@ -105,23 +105,23 @@ def run_receiver(
         step = room.done[0]
         if with_filter:
             if step > 0:
-                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
-            predict_offsets(m, told.satellites[k], room)
+                lead_filter(f, inputs.rate_b[k], inputs.force_b[k], channels.step_s, inputs.unknown[k])
+            predict_offsets(m, inputs.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
-            lead_channels(receiver, channels.step_s, with_filter, told.unknown[k, 1], room)
+            lead_channels(receiver, channels.step_s, with_filter, inputs.unknown[k, 1], room)
         if step >= receiver.settle:
-            count_predicted(receiver, arriving.level[k], told.level[k], f, room, found)
+            count_predicted(receiver, arriving.level[k], inputs.level[k], f, room, history)
         for i in range(f.v.shape[1]):
             f.v[0, i] = 0.0
         for c in range(noise.shape[1]):
-            silent = told.level[k, c] == NO_SIGNAL
+            silent = inputs.level[k, c] == NO_SIGNAL
             if room.silent[c] == 1 and not silent and with_filter:
                 # the signal is back: search has its centre where the filter expects it
                 restart_channel(f, room, c)
                 room.pulling[c] = PULL_IN if has_phase_states(f) else 0
             room.silent[c] = 1 if silent else 0
             estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
-            led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
+            led_m, led_mps = led_wrongly(m.C_eb, inputs.ahead_b[k], room.u[c])
             apart = phase_apart(receiver, f, c)
             led_m = in_steps(estimate[0] + apart, led_m, receiver.steps[0])
             led_mps = in_steps(estimate[1], led_mps, receiver.steps[1])
@@ -129,23 +129,23 @@ def run_receiver(
             if room.pulling[c] > 0:
                 count_from_nearest(channels, room, c)
             elif arriving.level[k, c] != NO_SIGNAL and not silent:
-                count_offset(receiver, room.offset, c, step, found)
+                count_offset(receiver, room.offset, c, step, history)
             observe_channel(
-                channels, arriving.level[k, c], told.level[k, c], room.offset, noise[k, c], room.seen
+                channels, arriving.level[k, c], inputs.level[k, c], room.offset, noise[k, c], room.seen
             )
-            found.power[k, c] = room.seen[SEEN_POWER]
+            history.power[k, c] = room.seen[SEEN_POWER]
             room.seen[SEEN_RANGE] += led_m
             room.seen[SEEN_RATE] += led_mps
             room.seen[SEEN_CODE] += led_m
             room.seen[SEEN_ANGLE] += led_m
             if not silent:
-                take_observation(receiver, channels, channels.table[told.level[k, c]], f, room, c)
+                take_observation(receiver, channels, channels.table[inputs.level[k, c]], f, room, c)
         if receiver.kind == ONE_STAGE:
             close_loop(m, f.v[0], f.P.shape[0])
         elif with_filter and (step + 1) % receiver.interval == 0:
-            take_channels(receiver, told.level[k], f, room)
+            take_channels(receiver, inputs.level[k], f, room)
             close_loop(m, f.v[0], f.P.shape[0])
-            predict_offsets(m, told.satellites[k], room)
+            predict_offsets(m, inputs.satellites[k], room)
             if receiver.kind == INTERVAL_MESSAGE:
                 for c in range(noise.shape[1]):
                     restart_channel(f, room, c)
@@ -153,7 +153,7 @@ def run_receiver(
             for c in range(noise.shape[1]):
                 room.base[c, 0], room.base[c, 1] = room.predicted[c, 0], room.predicted[c, 1]
         if step % receiver.record_every == 0:
-            record(receiver, arriving, k, f, room, step // receiver.record_every, found)
+            record(receiver, arriving, k, f, room, step // receiver.record_every, history)
         room.done[0] = step + 1
 
 
@@ -247,47 +247,47 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 @kernel(inline=True)
 def count_offset(
-    receiver: ReceiverDesign, offset: Float64, c: int, step: int, found: ReceiverHistory
+    receiver: ReceiverDesign, offset: Float64, c: int, step: int, history: ReceiverHistory
 ) -> None:
     """Count a channel's offset, and find out whether it is lost."""
-    if found.lost_at[c] != HELD:
+    if history.lost_at[c] != HELD:
         return
     limits = receiver.limits
     if abs(offset[0]) > limits[0] or abs(offset[1]) > limits[1]:
-        found.losing[c] += 1
-        if found.losing[c] > limits[2]:
-            found.lost_at[c] = step
+        history.losing[c] += 1
+        if history.losing[c] > limits[2]:
+            history.lost_at[c] = step
             return
     else:
-        found.losing[c] = 0
+        history.losing[c] = 0
     if step >= receiver.settle:
-        found.counted[c] += 1
-        found.squares[c, 0] += offset[0] * offset[0]
-        found.squares[c, 1] += offset[1] * offset[1]
+        history.counted[c] += 1
+        history.squares[c, 0] += offset[0] * offset[0]
+        history.squares[c, 1] += offset[1] * offset[1]
 
 
 @kernel(apart=True)
 def count_predicted(
     receiver: ReceiverDesign,
     arriving: Int64,
-    told: Int64,
+    levels: Int64,
     f: FilterRoom,
     room: ChannelRoom,
-    found: ReceiverHistory,
+    history: ReceiverHistory,
 ) -> None:
-    """Count the variances that the receiver predicts for its replicas' offsets; ``arriving``, ``told`` (m,) levels."""
+    """Count the variances predicted for its replicas' offsets; (m,): ``arriving``, assumed ``levels``."""
     if receiver.kind == ONE_STAGE and room.done[0] % receiver.record_every != 0:
         return  # the filter's covariance is that of any other integration
     for c in range(room.x.shape[0]):
-        if arriving[c] == NO_SIGNAL or told[c] == NO_SIGNAL or found.lost_at[c] != HELD:
+        if arriving[c] == NO_SIGNAL or levels[c] == NO_SIGNAL or history.lost_at[c] != HELD:
             continue
         own_column(f, c)
         D = (room.P[c, 0, 0], 0.0, room.P[c, 1, 1])
         if receiver.kind == ONE_STAGE:
             D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
-        found.predicted[c, 0] += D[0]
-        found.predicted[c, 1] += D[2]
-        found.predicted[c, 2] += 1.0
+        history.predicted[c, 0] += D[0]
+        history.predicted[c, 1] += D[2]
+        history.predicted[c, 2] += 1.0
 
 
 @kernel(apart=True)
@@ -298,25 +298,25 @@ def record(
     f: FilterRoom,
     room: ChannelRoom,
     at: int,
-    found: ReceiverHistory,
+    history: ReceiverHistory,
 ) -> None:
     """Write filter and channels, after their updates, into row ``at``."""
-    m, state = f.state[0], found.state[at]
+    m, state = f.state[0], history.state[at]
     for i in range(3):
         state[i], state[3 + i] = m.r_e[i], m.v_e[i]
     for i in range(4):
         state[6 + i] = m.q_eb[i]
     state[10], state[11] = m.clock[0], m.clock[1]
-    for i in range(found.covariance.shape[1]):
-        for j in range(found.covariance.shape[2]):
-            found.covariance[at, i, j] = f.P[RECORDED[i], RECORDED[j]]
+    for i in range(history.covariance.shape[1]):
+        for j in range(history.covariance.shape[2]):
+            history.covariance[at, i, j] = f.P[RECORDED[i], RECORDED[j]]
     for c in range(room.x.shape[0]):
         estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
         apart = phase_apart(receiver, f, c)
-        found.innovation[at, c] = math.nan if room.silent[c] == 1 else room.innovation[c]
-        found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0] + (room.cycles[c] - apart)
-        found.offsets[at, c, 0] += arriving.apart[k, c]
-        found.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
+        history.innovation[at, c] = math.nan if room.silent[c] == 1 else room.innovation[c]
+        history.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0] + (room.cycles[c] - apart)
+        history.offsets[at, c, 0] += arriving.apart[k, c]
+        history.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
         if f.P.shape[0] > OFFSETS:
-            found.apart[at, c, 0] = m.optional[c] - room.cycles[c]
-            found.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]
+            history.apart[at, c, 0] = m.optional[c] - room.cycles[c]
+            history.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]

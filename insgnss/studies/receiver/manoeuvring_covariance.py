@@ -83,7 +83,7 @@ def carry_along(
     couplings: Couplings,
     P: Float64,
     scratch: tuple[Float64, Float64],
-    found: Float64,
+    variances: Float64,
 ) -> None:
     """Carry a covariance along a motion and write the variances before each step's updates.
 
@@ -94,7 +94,7 @@ def carry_along(
     couplings : (0,) of ``COUPLING_DTYPE``
     P : (17, 17) in and out
     scratch : (17, 17) and (3, 17)
-    found : (n, 2 + m) of velocity and attitude, summed over the axes, and of the phases, out
+    variances : (n, 2 + m) of velocity and attitude, summed over the axes, and of the phases, out
     """
     dt = drive.step_s
     for k in range(len(force_e)):
@@ -105,10 +105,10 @@ def carry_along(
         carry_covariance(step, sums_C[k], couplings, drive.keep, P, scratch[0])
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
-        found[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
-        found[k, 1] = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
+        variances[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
+        variances[k, 1] = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
         for c in range(len(drive.rows)):
-            found[k, 2 + c] = predicted_variance(P, drive.rows[c], drive.columns)
+            variances[k, 2 + c] = predicted_variance(P, drive.rows[c], drive.columns)
         for c in range(len(drive.rows)):
             scalar_update(P, drive.rows[c], drive.columns, 0.0, variance, scratch[1])
 
@@ -181,7 +181,7 @@ class ManoeuvringReceiver:
             )
         require_cn0(cn0_dbhz, _HIGHEST_CN0_DBHZ)
         noise = float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), loop.accumulation_s))
-        found = np.empty((len(self.force_e), 2 + len(self.drive.rows)))
+        variances = np.empty((len(self.force_e), 2 + len(self.drive.rows)))
         scratch = np.empty((FURTHER, FURTHER)), np.zeros((3, FURTHER))
         carry_along(
             self.drive,
@@ -191,9 +191,9 @@ class ManoeuvringReceiver:
             np.zeros(0, COUPLING_DTYPE),
             self.P0.copy(),
             scratch,
-            found,
+            variances,
         )
-        rms = np.sqrt(found[first:].mean(axis=0))
+        rms = np.sqrt(variances[first:].mean(axis=0))
         return ManoeuvringErrors(float(rms[0]), float(rms[1]), rms[2:])
 
     def threshold(self, loop: PhaseLoop, settle_s: float = 60.0) -> ManoeuvringThreshold:

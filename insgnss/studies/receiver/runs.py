@@ -160,9 +160,9 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     ranges, rates = truth.ranges + clock.bias_m[:, None], truth.rates + clock.drift_mps[:, None]
     if setting.inertial is not None and setting.grade is not None:
         grade = setting.grade
-        told = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        aiding = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
         since_s = truth.t_s - truth.t_s[0]
-        motion, unknown = with_gaps(told, since_s, grade, setting.imu_gaps_s, setting.unknown)
+        motion, unknown = with_gaps(aiding, since_s, grade, setting.imu_gaps_s, setting.unknown)
     else:
         grade = without_ins(setting.unknown)
         motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
@@ -183,18 +183,18 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         setting.steps,
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
-    found = new_found(receiver, count, m, _block(truth))
+    history = new_found(receiver, count, m, _block(truth))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
     masking = setting.masking
     searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
-    rooms = _ReceiverWorkspace(receiver, channels, f, room, found)
+    rooms = _ReceiverWorkspace(receiver, channels, f, room, history)
     whole = AidingInputs(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
     estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
-    found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
-    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
+    history.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
+    state_errors = _errors(setting, history, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
     rows = () if searches is None else searches.all_rows()
-    return _run_of(setting, variant, found, state_errors, estimates, rows)
+    return _run_of(setting, variant, history, state_errors, estimates, rows)
 
 
 class _ReceiverWorkspace(NamedTuple):
@@ -234,7 +234,7 @@ def _run_blocks(
 
     ``whole`` is the aiding in all of them, except for the levels of the channels.
     """
-    (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
+    (count, m), truth, (receiver, channels, f, room, history) = cn0.shape, setting.truth, rooms
     # the C/N0 that the receiver takes for true
     block, estimates, believed = _block(truth), [], cn0[0]
     own = EstimatedCn0(channels, cn0[0], setting.least_cn0_dbhz)
@@ -255,7 +255,7 @@ def _run_blocks(
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, believed, truth.step_s * first, f, room, off)
-        told = AidingInputs(
+        inputs = AidingInputs(
             whole.satellites[part],
             whole.rate_b[part],
             whole.force_b[part],
@@ -264,9 +264,9 @@ def _run_blocks(
             whole.unknown[part],
         )
         noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
-        run_receiver(receiver, channels, here, told, f, room, noise, found)
+        run_receiver(receiver, channels, here, inputs, f, room, noise, history)
         if setting.estimates_cn0 and len(here.level) == block:
-            estimates.append(own.take(found.power, told_level))
+            estimates.append(own.take(history.power, told_level))
     return np.array(estimates).reshape(-1, m)
 
 
@@ -334,9 +334,9 @@ def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> Recei
     )
 
 
-def _errors(setting: Setting, found: ReceiverHistory, clock: Float64, ins: bool) -> Float64:
+def _errors(setting: Setting, history: ReceiverHistory, clock: Float64, ins: bool) -> Float64:
     """Return the errors (k, 11) of the filter."""
-    truth, state = setting.truth, found.state
+    truth, state = setting.truth, history.state
     pick = slice(None, None, setting.record_every)
     attitude = np.full((len(state), 3), np.nan)
     if ins:
@@ -349,29 +349,29 @@ def _errors(setting: Setting, found: ReceiverHistory, clock: Float64, ins: bool)
 def _run_of(
     setting: Setting,
     variant: Variant,
-    found: ReceiverHistory,
+    history: ReceiverHistory,
     error: Float64,
     cn0_dbhz: Float64,
     searches: tuple[SearchRow, ...],
 ) -> ReceiverRun:
     """Return the statistics of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        rms = np.sqrt(found.squares / found.counted[:, None])
-        predicted = np.sqrt(found.predicted[:, :2] / found.predicted[:, 2:])
-    solved = _least_squares(setting, found)
+        rms = np.sqrt(history.squares / history.counted[:, None])
+        predicted = np.sqrt(history.predicted[:, :2] / history.predicted[:, 2:])
+    solved = _least_squares(setting, history)
     if variant.has_filter:
         estimated = ~np.isnan(error[0])
-        P = found.covariance[:, estimated][:, :, estimated]
-        sd = np.where(estimated, np.sqrt(np.einsum("kii->ki", found.covariance)), np.nan)
+        P = history.covariance[:, estimated][:, :, estimated]
+        sd = np.where(estimated, np.sqrt(np.einsum("kii->ki", history.covariance)), np.nan)
         nees = normalised(error[:, estimated], P)
     else:
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
         error = solved
-    lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
-    offset = found.offsets[:, int(np.argmin(lost))].copy()
+    lost = np.where(history.lost_at == HELD, np.inf, history.lost_at * setting.truth.step_s)
+    apart = np.stack([history.apart[..., 0], np.sqrt(history.apart[..., 1])], axis=-1)
+    offset = history.offsets[:, int(np.argmin(lost))].copy()
     return ReceiverRun(
-        lost, rms, predicted, error, sd, nees, cn0_dbhz, searches, solved, offset, apart, found.innovation
+        lost, rms, predicted, error, sd, nees, cn0_dbhz, searches, solved, offset, apart, history.innovation
     )
 
 
@@ -385,8 +385,8 @@ def normalised(error: Float64, P: Float64) -> Float64:
     return np.asarray(np.sum(error / scale * solved[..., 0], axis=1) / error.shape[1])
 
 
-def _least_squares(setting: Setting, found: ReceiverHistory) -> Float64:
+def _least_squares(setting: Setting, history: ReceiverHistory) -> Float64:
     """Return the errors (k, 11) of position, velocity and clock that all channels' ranges and rates give."""
-    solved = -np.einsum("kij,kjc->kic", setting.solution, found.offsets)
+    solved = -np.einsum("kij,kjc->kic", setting.solution, history.offsets)
     nothing = np.full((len(solved), 3), np.nan)
     return np.hstack([solved[:, :3, 0], solved[:, :3, 1], nothing, solved[:, 3]])

@@ -103,9 +103,9 @@ class Searches:
         # the window is that of the code: a phase's own state does not count
         columns = f.columns[: len(COLUMNS)]
         d_range, _, d_rate = offset_covariance(f.P, columns, room.u[c], room.g[c], f.h, f.v)
-        found = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
-        within = bool(found.within_aperture)
-        waits_s = 0.0 if within else float(found.search_s)
+        window = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
+        within = bool(window.within_aperture)
+        waits_s = 0.0 if within else float(window.search_s)
         return SearchRow(
             c,
             float(self.lost_s[c]),
@@ -117,5 +117,5 @@ class Searches:
             float(np.sqrt(d_rate)),
             float(off[1]),
             within,
-            float(found.delay_cells * found.doppler_bins),
+            float(window.delay_cells * window.doppler_bins),
         )

@@ -77,8 +77,8 @@ def settling_s(setting: Setting, variant: Variant, fall: Fall) -> dict[str, floa
     # a filter that takes a C/N0 for true whatever arrives has no fall of its own; its initial value fades as fast
     first = 0 if setting.told_cn0_dbhz is not None else math.ceil(fall.at / setting.record_every)
     step_s = setting.record_every * setting.truth.step_s
-    found = {name: step_s * _agreed(below[first:, at], above[first:, at]) for name, at in _ERRORS.items()}
-    return {name: max(wait, channels.get(name, 0.0)) for name, wait in found.items()}
+    waits_s = {name: step_s * _agreed(below[first:, at], above[first:, at]) for name, at in _ERRORS.items()}
+    return {name: max(wait, channels.get(name, 0.0)) for name, wait in waits_s.items()}
 
 
 def _scaled(start: InitialSigmas, factor: float) -> InitialSigmas:
@@ -106,13 +106,13 @@ def _channels_settle_s(setting: Setting, variant: Variant, fall: Fall) -> tuple[
     unknown = setting.unknown if variant.kind == SCALAR or setting.inertial is None else None
     T, count = setting.truth.step_s, len(setting.truth.t_s) - fall.at
     design = receiver_of(variant, T, setting.interval, drift, unknown, setting.limits, 1, 0)
-    model, told = DiscreteModel(design.F, design.walk), setting.told_cn0_dbhz
+    model, assumed_dbhz = DiscreteModel(design.F, design.walk), setting.told_cn0_dbhz
     try:
-        H = _rows(setting, len(design.F), fall.cn0_dbhz if told is None else told)
+        H = _rows(setting, len(design.F), fall.cn0_dbhz if assumed_dbhz is None else assumed_dbhz)
         steady = predicted_covariance(model, H, 1.0)
         # a channel that takes a C/N0 for true whatever arrives starts with next to no errors
         before = _rows(setting, len(design.F), max(SETTLED_DBHZ, fall.cn0_dbhz))
-        P = predicted_covariance(model, before, 1.0) if told is None else 1e-2 * steady
+        P = predicted_covariance(model, before, 1.0) if assumed_dbhz is None else 1e-2 * steady
     except ConfigError:
         return math.inf, math.inf
     waits = [0.0, 0.0]

@@ -195,7 +195,7 @@ def slip_runs(
         return _run(receiver, steps, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))))
 
     with ThreadPoolExecutor(threads) as pool:
-        slips, squares = (np.array(found) for found in zip(*pool.map(one, range(runs)), strict=True))
+        slips, squares = (np.array(column) for column in zip(*pool.map(one, range(runs)), strict=True))
     held = (slips == NEVER).all(axis=1)
     rms = math.sqrt(float(squares[held].mean()) / steps) if held.any() else math.nan
     return SlipRuns(np.where(slips == NEVER, np.inf, slips * loop.accumulation_s), rms)

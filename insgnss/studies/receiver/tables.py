@@ -119,22 +119,22 @@ def channel_rows(scene: StudyScene, name: str, level: float, runs: list[Receiver
     )
 
 
-def search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
+def search_rows(receiver_runs: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
     """Return the searches of all runs."""
     rows = [
         {"variant": name, "cn0_dbhz": level, "run": k, **row._asdict()}
-        for (name, level), runs in found.items()
+        for (name, level), runs in receiver_runs.items()
         for k, run in enumerate(runs)
         for row in run.searches
     ]
     return pd.DataFrame(rows, columns=["variant", "cn0_dbhz", "run", *SearchRow._fields])
 
 
-def event_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
+def event_rows(receiver_runs: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
     """Return when no channel was tracked any more in a run, and when one was again."""
     rows = [
         {"variant": name, "cn0_dbhz": level, "run": k, "time_s": time_s, "kind": kind}
-        for (name, level), runs in found.items()
+        for (name, level), runs in receiver_runs.items()
         for k, run in enumerate(runs)
         for from_s, to_s in spans_without_a_channel(run)
         for time_s, kind in ((from_s, ALL_LOST), (to_s, TRACKED_AGAIN))

@@ -270,7 +270,7 @@ class SampleLoop:
             )
             numbers = numbers[np.isfinite(expected.delay_m[numbers])]
             spans = {int(c): seeded_span(expected, int(c), window, s, first, sample) for c in numbers}
-            found = {
+            by_satellite = {
                 c: search_for(samples, [e.codes[c]], span, s.pfa, first, [self._expected_m(c, first)])[0]
                 for c, span in spans.items()
             }
@@ -278,8 +278,8 @@ class SampleLoop:
             codes = [e.codes[c] for c in numbers]
             delays_m = [self._expected_m(int(c), first) for c in numbers]
             searches = search_for(samples, codes, unseeded_span(s), s.pfa, first, delays_m)
-            found = {int(c): search for c, search in zip(numbers, searches, strict=True)}
-        for c, search in found.items():
+            by_satellite = {int(c): search for c, search in zip(numbers, searches, strict=True)}
+        for c, search in by_satellite.items():
             self.searches.append((c, search))
             if search.found:
                 self._open(c, search, sample)

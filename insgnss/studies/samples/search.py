@@ -113,10 +113,10 @@ def start_outlook(
         t_ns, np.zeros(1, np.int64), r_e[None, :], v_e, (C_ne.T @ C_nb)[None], none, none,
         np.zeros((1, 2)), np.zeros((1, 0)),
     )  # fmt: skip
-    found = FilterTrace(
+    filter_trace = FilterTrace(
         trace, Covariances(t_ns, np.diag(sd**2)[None]), TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b)
     )
-    return outlook(SupervisionSetup(setup, search=settings.search), arcs, found)
+    return outlook(SupervisionSetup(setup, search=settings.search), arcs, filter_trace)
 
 
 def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> SignalPrediction:

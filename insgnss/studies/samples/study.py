@@ -164,7 +164,7 @@ def sample_receiver(
             advice = "give the one loss that it was recorded with"
             raise ConfigError(f"one recording for {len(losses_db)} losses", key="losses_db", advice=advice)
         _check_recording(Path(recording), use, duration_s)
-    found: list[_Tables] = []
+    results: list[_Tables] = []
     for loss in losses_db:
         sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
         equipment = equipment_of(flight, sky, use, filter, seed)
@@ -175,9 +175,9 @@ def sample_receiver(
             return _run(name, sky, equipment, flight, _blocks(sky, use, seed, recording))
 
         with ThreadPoolExecutor(threads) as pool:
-            found += list(pool.map(one, receivers))
+            results += list(pool.map(one, receivers))
     summary, epochs, channels, searches = (
-        pd.concat(tables, ignore_index=True) for tables in zip(*found, strict=True)
+        pd.concat(tables, ignore_index=True) for tables in zip(*results, strict=True)
     )
     asked = {
         "losses_db": [float(loss) for loss in losses_db],
