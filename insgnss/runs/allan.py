@@ -162,9 +162,9 @@ def _trial(
     """Return the best terms of a set at one correlation time."""
     terms = _terms(tau, time_s)[:, columns] * weight[:, None]
     size = np.linalg.norm(terms, axis=0)
-    found, residual = nnls(terms / size, variance * weight)
+    solution, residual = nnls(terms / size, variance * weight)
     powers = np.zeros(4)
-    powers[list(columns)] = found / size
+    powers[list(columns)] = solution / size
     free = len(columns) + (2 in columns)  # a correlation time is free, too
     return _TermFit(float(residual**2 + _WORTH_A_PARAMETER * free), powers, time_s)
 
@@ -236,12 +236,12 @@ def allan_study(imu: ImuTable, like: ImuGrade | None = None) -> AllanStudy:
     return AllanStudy(*curves, *fits, grade, duration_s)
 
 
-def _or_at_most(curve: AllanCurve, found: NoiseFit, duration_s: float) -> NoiseFit:
+def _or_at_most(curve: AllanCurve, noise_fit: NoiseFit, duration_s: float) -> NoiseFit:
     """Return the fit, with the lowest point of the curve for an instability that is not seen: it is at most that."""
-    if found.instability > 0.0 or found.rate_random_walk > 0.0:
-        return found
+    if noise_fit.instability > 0.0 or noise_fit.rate_random_walk > 0.0:
+        return noise_fit
     lowest = float(np.sqrt(np.min(np.mean(curve.deviation**2, axis=1))))
-    return replace(found, instability=lowest, correlation_time_s=duration_s)
+    return replace(noise_fit, instability=lowest, correlation_time_s=duration_s)
 
 
 def _even(t_ns: Int64, values: Float64, step_s: float) -> Float64:
@@ -292,11 +292,11 @@ def _grade(
     if like is None:
         note = f"{about}; turn-on biases from the means (Earth's rate taken off, standard gravity); no scale factors"
         return ImuGrade(**measured, source=note)
-    kept = {
+    noise = {
         key: value for key, value in measured.items() if key not in ("gyro_bias_deg_per_h", "accel_bias_mg")
     }
     note = f"{about}; turn-on biases, scale factors and ranges as in: {like.source}"
-    return like.model_copy(update={**kept, "source": note})
+    return like.model_copy(update={**noise, "source": note})
 
 
 def grade_text(grade: ImuGrade) -> str:

@@ -97,9 +97,9 @@ def rows_at(
     span = np.where(after > before, t[after] - t[before], 1.0)
     u = np.where(after > before, (within - t[before]) / span, 0.0)[:, None]
     numbers = nav.to_numpy(np.float64)
-    found = pd.DataFrame((1.0 - u) * numbers[before] + u * numbers[after], columns=nav.columns)
-    found["time_s"] = times
-    lost = _filled_in(found, nav, before, after, u, span)
+    table = pd.DataFrame((1.0 - u) * numbers[before] + u * numbers[after], columns=nav.columns)
+    table["time_s"] = times
+    lost = _filled_in(table, nav, before, after, u, span)
     lost[at_row] = 0.0
     steps = np.stack([t[before], t[after]], axis=1)
     stopped = np.asarray(no_filter_s, np.float64)
@@ -112,26 +112,26 @@ def rows_at(
     if refuse and refused.any():
         raise _refusal(times, refused, reasons)
     exact = np.where(times == t[before], before, after)[at_row]
-    found.loc[at_row] = numbers[exact]
+    table.loc[at_row] = numbers[exact]
     for name, most in (("n_used", False), ("n_hypotheses", True)):
         values = nav[name].to_numpy()
         one = np.where(times == t[after], values[after], values[before])
         both = np.maximum(values[before], values[after])
-        found[name] = np.where(at_row, one, both if most else one)
+        table[name] = np.where(at_row, one, both if most else one)
     if refused.any():
-        found = found.astype(np.float64)
-        found.loc[refused, [name for name in found.columns if name != "time_s"]] = np.nan
-    return found
+        table = table.astype(np.float64)
+        table.loc[refused, [name for name in table.columns if name != "time_s"]] = np.nan
+    return table
 
 
 def _filled_in(
-    found: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
+    table: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
 ) -> Float64:
     """Write the nonlinear part between rows, and the sigmas; return the loss (m, 3) by ``InterpolationLimits``."""
     from scipy.spatial.transform import Rotation  # late: 0.4 s and 40 MB that a replay can use
 
     t = nav["time_s"].to_numpy()
-    lost = np.zeros((len(found), 3))
+    lost = np.zeros((len(table), 3))
     for point in ("", "point_"):
         names = [f"{point}{name}" for name in (*PLACE, *VELOCITY)]
         if names[0] not in nav:
@@ -141,25 +141,25 @@ def _filled_in(
         T, way = span[:, None], r_e[after] - r_e[before]
         bend = (1.0 - u) * (T * v_e[before] - way) + u * (way - T * v_e[after])
         geodetic, C_now = local_levels_of(r_e[before] + u * way + u * (1.0 - u) * bend)
-        found[names[:3]] = geodetic
+        table[names[:3]] = geodetic
         v = v_e[before] + u * (v_e[after] - v_e[before])
-        found[names[3:]] = np.einsum("kij,kj->ki", C_now, v)
+        table[names[3:]] = np.einsum("kij,kj->ki", C_now, v)
         change = _changes(t, np.diff(v_e, axis=0))[before]
         lost[:, 1] = np.maximum(lost[:, 1], _SHARE_POSITION * change * span**2)
         lost[:, 2] = np.maximum(lost[:, 2], _SHARE * change * span)
-        _widen(found, [f"sd_{point}{name}" for name in POSITION], u, _SHARE_POSITION * change * span**2)
-        _widen(found, [f"sd_{point}{name}" for name in VELOCITY], u, _SHARE * change * span)
+        _widen(table, [f"sd_{point}{name}" for name in POSITION], u, _SHARE_POSITION * change * span**2)
+        _widen(table, [f"sd_{point}{name}" for name in VELOCITY], u, _SHARE * change * span)
     C_en = places_of(nav[list(PLACE)].to_numpy())[1].transpose(0, 2, 1)
     C_eb = Rotation.from_matrix(C_en @ attitudes_of(nav[list(ATTITUDE)].to_numpy()))
     turn = (C_eb[after] * C_eb[before].inv()).as_rotvec()
-    C_now = places_of(found[list(PLACE)].to_numpy())[1]
+    C_now = places_of(table[list(PLACE)].to_numpy())[1]
     C_nb = Rotation.from_matrix(C_now) * Rotation.from_rotvec(u * turn) * C_eb[before]
-    found[list(ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
+    table[list(ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
     if QUATERNION[0] in nav:
-        found[list(QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
+        table[list(QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
     steps = (C_eb[1:] * C_eb[:-1].inv()).as_rotvec(degrees=True) if len(nav) > 1 else np.zeros((0, 3))
     lost[:, 0] = _SHARE * _changes(t, steps)[before] * span
-    _widen(found, [f"sd_{name}" for name in ATTITUDE], u, lost[:, 0])
+    _widen(table, [f"sd_{name}" for name in ATTITUDE], u, lost[:, 0])
     return lost
 
 
@@ -180,10 +180,10 @@ def _changes(t: Float64, steps: Float64) -> Float64:
     return np.append(change, change[-1])
 
 
-def _widen(found: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> None:
+def _widen(table: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> None:
     """Add the loss to sigmas: nothing at a row, all of it in the middle."""
     part = (4.0 * u[:, 0] * (1.0 - u[:, 0]) * lost)[:, None]
-    found[names] = np.sqrt(found[names].to_numpy() ** 2 + part**2)
+    table[names] = np.sqrt(table[names].to_numpy() ** 2 + part**2)
 
 
 def _not_times(what: str) -> ResultError:

@@ -119,12 +119,12 @@ def _against_fixes(
     sensors = read_sensor_logs(flight)
     of_fixes = [log for log in sensors if isinstance(log.config, PositionSensor | VelocitySensor)]
     others = [log for log in sensors if not isinstance(log.config, PositionSensor | VelocitySensor)]
-    found = fixes_track(of_fixes)
+    result = fixes_track(of_fixes)
     more = sensor_findings(of_fixes, None, logs.imu)
-    more += sensor_findings(others, None if found is None else found.track, logs.imu)
-    if found is None:
+    more += sensor_findings(others, None if result is None else result.track, logs.imu)
+    if result is None:
         return more, False
-    track, lever_b, of_velocities = found
+    track, lever_b, of_velocities = result
     more += of_velocities
     gnss = flight.config.gnss.model_copy(update={"lever_arm_m": lever_b})
     flight = replace(flight, config=flight.config.model_copy(update={"gnss": gnss}))
@@ -221,9 +221,9 @@ def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, epoch_n
     if not shifts:
         return motion_findings(flight, declared, track)
     peaks = [(match_of(flight, declared, track, float(shift)), shift) for shift in shifts]
-    found = [(match.contrast, shift) for match, shift in peaks if match is not None]
-    if found:
-        return motion_findings(flight, declared, track, float(max(found)[1]))
+    matches = [(match.contrast, shift) for match, shift in peaks if match is not None]
+    if matches:
+        return motion_findings(flight, declared, track, float(max(matches)[1]))
     return [_unmoved(flight, shifts)]
 
 

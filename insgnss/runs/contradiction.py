@@ -84,7 +84,7 @@ def _most_drifting(measurements: pd.DataFrame) -> tuple[int, int]:
             for status in ("used", "drifting")
         )
         each += [(len(gone), len(set(gone) | set(used.get(at, ())))) for at, gone in drifted.items()]
-    return max(each, key=lambda found: found[0] / found[1], default=(0, 0))
+    return max(each, key=lambda counts: counts[0] / counts[1], default=(0, 0))
 
 
 def _share(counts: pd.DataFrame, kind: str, such: tuple[str, ...], of: tuple[str, ...]) -> float:

@@ -115,8 +115,8 @@ def row_corrections(
     correction_m: Float64 | None = None
     base = flight.config.gnss.base
     if base is not None and logs.base is not None:
-        correction_m, found = base_corrections(setup, logs, base)
-        events += found
+        correction_m, base_events = base_corrections(setup, logs, base)
+        events += base_events
     return ionosphere_l1, correction_m, events
 
 
@@ -170,12 +170,12 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
     )
     message = setup.states(logs.gnss, messages).message
     known = (message >= 0).any()  # else the log states where its satellites were, by the base's messages
-    found = apply(corrections, logs.gnss, message if known else None, base.max_age_s)
-    share = float(np.mean(np.isfinite(found))) if len(found) else 0.0
+    correction_m = apply(corrections, logs.gnss, message if known else None, base.max_age_s)
+    share = float(np.mean(np.isfinite(correction_m))) if len(correction_m) else 0.0
     if share == 0.0:
         raise _no_corrections(base)
     events.append(Event(None, "base_station", f"{100.0 * share:.0f} % of the rows have a correction"))
-    return found, events
+    return correction_m, events
 
 
 def _max_age_s(setup: FilterSetup) -> float | None:

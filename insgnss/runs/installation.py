@@ -125,15 +125,15 @@ class LiveInstallation:
 
     def events(self, t_ns: int, values: Mapping[str, Any]) -> list[Event]:
         """Return the events of an epoch; ``values`` has estimates and sigmas by their columns in ``nav``."""
-        found = []
+        new_events = []
         for column, (part, declared) in list(self._open.items()):
             sigma = float(values[f"sd_{column}"])
             if sigma <= DETERMINED * declared:
                 del self._open[column]
                 time_s = t_ns % NS_PER_WEEK / NS_PER_S
                 estimate = InstallationEstimate(part, time_s, float(values[column]), sigma, declared)
-                found.append(Event(t_ns, "installation_known", estimate.words()))
-        return found
+                new_events.append(Event(t_ns, "installation_known", estimate.words()))
+        return new_events
 
 
 def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:

@@ -60,7 +60,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
     stage = setup.config.visibility
     if stage.on and not stage.use_masked and any(_hides(antenna) for antenna in mounted):
         seen = [installation([antenna], folder, gnss.lever_b) for antenna in mounted]
-        events += [event for _, found in seen[1:] for event in found]
+        events += [event for _, more_events in seen[1:] for event in more_events]
         hiding = AntennaMasking(tuple(one for one, _ in seen), limits_of(stage))
     data = AntennaData(
         antennas,

@@ -171,7 +171,7 @@ def point(
     tell("computing the satellites")
     # the carrier has no part in it
     setup = replace(setup_filter(flight, logs, config, several=False), with_carrier=False)
-    rows, found = corrected_rows(setup, logs, flight)
+    rows, row_events = corrected_rows(setup, logs, flight)
     read = time.perf_counter()
     tell("solving the epochs")
     prepared, limits, out = solve_rows(setup, rows, false_alarm, missed_detection)
@@ -182,7 +182,7 @@ def point(
     return PointRun(
         point=table,
         residuals=residual_table(out, logs.gnss, week),
-        events=event_table(logs.events + found, week),
+        events=event_table(logs.events + row_events, week),
         errors=_errors(table, logs, week),
         settings={
             "flight": flight.config.model_dump(mode="json"),
@@ -243,8 +243,8 @@ def read_logs(flight: Flight) -> FlightLogs:
     logs = read_gnss_logs(config.gnss, config.gps_week, flight.path, shared)
     events, reference = logs.events + refused_messages(logs.navigation), None
     if config.reference is not None:
-        reference, found = read_reference(config.reference, config.gps_week, shared)
-        events += found
+        reference, more_events = read_reference(config.reference, config.gps_week, shared)
+        events += more_events
     imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     hashes = {str(path): sha256(path) for path in flight.files() if path not in flight.inertial_files()}
     return FlightLogs(

@@ -163,12 +163,12 @@ def replay(
     samples = TraceSamples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
     if wanted is not None:
         samples = TraceSamples(*screened(work[0], setup).imu[:3])  # as the filter took them
-    found = traced(out.trace, samples)
-    aids = None if record.aiding is None else _aiding(record, found, flight, tell)
+    filter_trace = traced(out.trace, samples)
+    aids = None if record.aiding is None else _aiding(record, filter_trace, flight, tell)
     given = time.perf_counter()
-    supervised = _supervised(record, found, flight, tell)
+    supervised = _supervised(record, filter_trace, flight, tell)
     settled = time.perf_counter()
-    del work, found, samples  # a big log's samples take as much room as a table
+    del work, filter_trace, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, (out, ledger, separation), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
@@ -205,24 +205,26 @@ def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | N
 
 
 def _aiding(
-    record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress
+    record: _RunRecord, filter_trace: FilterTrace, flight: Flight, tell: Progress
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the aiding and its budget from the filter's trace."""
     assert record.aiding is not None
     tell("computing the aiding")
     if record.supervised is not None:  # which has rows of its own in the trace
-        t_ns = found.samples.t_ns
-        found = at_times(found, t_ns[output_samples(t_ns, record.aiding.setup.config.rate_hz)])
-    table, week = record.aiding.table(found), flight.config.gps_week
+        t_ns = filter_trace.samples.t_ns
+        filter_trace = at_times(filter_trace, t_ns[output_samples(t_ns, record.aiding.setup.config.rate_hz)])
+    table, week = record.aiding.table(filter_trace), flight.config.gps_week
     return aiding_table(table, week), aiding_budget(table, week)
 
 
-def _supervised(record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress) -> dict[str, Any]:
+def _supervised(
+    record: _RunRecord, filter_trace: FilterTrace, flight: Flight, tell: Progress
+) -> dict[str, Any]:
     """Return the supervisor's tables by their names, none where it is not asked for."""
     if record.supervised is None:
         return {}
     tell("supervising the search")
-    return vars(record.supervised.run(found, flight.config.gps_week))
+    return vars(record.supervised.run(filter_trace, flight.config.gps_week))
 
 
 class _RunRecord(NamedTuple):
@@ -263,14 +265,14 @@ def _prepared(
         sources = aiding_sources(setup, aided, logs.gnss.glonass_channels)
     # several antennas look at the log as a whole
     most_rows = MOST_ROWS if flight.config.attitude is None else None
-    blocks, found = row_blocks(setup, logs, flight, most_rows)
+    blocks, row_events = row_blocks(setup, logs, flight, most_rows)
     setup, ledger, more_events = with_antennas(setup, logs, flight, blocks[0])
-    found = found + more_events
+    row_events = row_events + more_events
     supervised = None
     if supervise:
         supervised, more_events = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
-        found = found + more_events
-    events = logs.events + installed(flight)[1] + refused_messages(logs.navigation) + found
+        row_events = row_events + more_events
+    events = logs.events + installed(flight)[1] + refused_messages(logs.navigation) + row_events
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
     imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
@@ -284,11 +286,11 @@ def _as_run(
     flight: Flight,
     record: _RunRecord,
     setup: FilterSetup,
-    found: tuple[Output, list[LedgerPart], Separation | None],
+    outputs: tuple[Output, list[LedgerPart], Separation | None],
     events: list[Event],
     further: PointColumnValues | None,
 ) -> Run:
-    week, (out, ledger, separation) = flight.config.gps_week, found
+    week, (out, ledger, separation) = flight.config.gps_week, outputs
     nav = with_further(nav_table(out, week, setup), further)
     protection = None
     if separation is not None:

@@ -77,10 +77,10 @@ def read_run(
         raise ResultError("there is no such folder", file=folder, advice=_nearest_folders(folder))
     try:
         with reading(folder):
-            found = _tables(folder, tables, optional), _settings(folder / SETTINGS)
+            contents = _tables(folder, tables, optional), _settings(folder / SETTINGS)
             _require_whole_run(folder)
             _require_one_run(folder, tables)
-            return found
+            return contents
     except OSError as error:
         raise ResultError(f"the folder cannot be read: {error.strerror}", file=folder) from error
 
@@ -148,17 +148,17 @@ def _nearest_folders(folder: Path) -> str:
 
 
 def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dict[str, pd.DataFrame | None]:
-    found: dict[str, pd.DataFrame | None] = {}
+    by_name: dict[str, pd.DataFrame | None] = {}
     for name in tables:
         path = _file_of(folder, name)
         if path.exists():
             read = _from_csv if path.suffix == ".csv" else _from_parquet
-            found[name] = _checked(read(path), path)
+            by_name[name] = _checked(read(path), path)
         elif name in optional:
-            found[name] = None
+            by_name[name] = None
         else:
             raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_run_advice(folder))
-    return found
+    return by_name
 
 
 def _file_of(folder: Path, table: str) -> Path:

@@ -88,9 +88,9 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
 def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
     """Return the filter's solution before smoothing: position, velocity and attitude with their sigmas."""
     rows = np.concatenate(parts)
-    found = nav_columns(rows, with_shares=False)
-    kept = {name: values for name, values in found.items() if not re.search("bias|drift|^n_", name)}
-    return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **kept})
+    columns = nav_columns(rows, with_shares=False)
+    shown = {name: values for name, values in columns.items() if not re.search("bias|drift|^n_", name)}
+    return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **shown})
 
 
 def ledger_tables(

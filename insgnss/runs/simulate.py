@@ -147,7 +147,7 @@ def simulate(
     try:
         with compiled(progress or (lambda _: None)):
             inputs = _inputs(config, folder)
-        made = assemble(config, folder, inputs, duration_s)
+        assembly = assemble(config, folder, inputs, duration_s)
     except ManoeuvreError as error:
         key = ("manoeuvre", error.entry)
         line = line_of(key, key_lines(path.read_text(encoding="utf-8-sig")))
@@ -158,8 +158,8 @@ def simulate(
         if error.file is None:
             error = _in_file(error, path)
         raise error from None
-    log = Simulator(made).draw(np.random.default_rng(seed) if noise else None)
-    return Simulation(config, folder, made, log)
+    log = Simulator(assembly).draw(np.random.default_rng(seed) if noise else None)
+    return Simulation(config, folder, assembly, log)
 
 
 def check_output(scenario: str | Path, folder: Path) -> None:

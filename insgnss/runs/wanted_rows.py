@@ -73,11 +73,11 @@ def point_of(flight: Flight, point: Point) -> tuple[float, float, float]:
 def named_points(flight: Flight) -> dict[str, tuple[float, float, float]]:
     """Return the points that a flight file names: its own, its antennas, and 'antenna', that of the GNSS log."""
     gnss, attitude = flight.config.gnss, flight.config.attitude
-    found = {_ANTENNA: gnss.lever_b}
-    found |= {antenna.name: antenna.lever_arm_m or gnss.lever_b for antenna in gnss.antenna if antenna.name}
-    found |= {one.name: one.lever_arm_m for one in (() if attitude is None else attitude.antenna)}
-    found |= flight.config.points
-    return {name: lever for name, lever in found.items() if lever is not None}
+    points = {_ANTENNA: gnss.lever_b}
+    points |= {antenna.name: antenna.lever_arm_m or gnss.lever_b for antenna in gnss.antenna if antenna.name}
+    points |= {one.name: one.lever_arm_m for one in (() if attitude is None else attitude.antenna)}
+    points |= flight.config.points
+    return {name: lever for name, lever in points.items() if lever is not None}
 
 
 def refuse_smoothing(*, smooth: bool, beside: bool) -> None:

@@ -99,10 +99,10 @@ def _of_each(values: list[Any], week: int | None, refuse: Refuse) -> Float64:
             if not isinstance(value, str):
                 raise refuse(f"value {k + 1} of {len(values)}, {value!r}, is not a time") from None
             texts[k] = value
-    for k, found in zip(texts, dated_text_ns(list(texts.values())), strict=True):
-        if isinstance(found, str):
-            raise refuse(f"value {k + 1} of {len(values)}, '{texts[k]}', {found}")
-        seconds[k] = _in_week(np.array([found]), week, refuse)[0]
+    for k, result in zip(texts, dated_text_ns(list(texts.values())), strict=True):
+        if isinstance(result, str):
+            raise refuse(f"value {k + 1} of {len(values)}, '{texts[k]}', {result}")
+        seconds[k] = _in_week(np.array([result]), week, refuse)[0]
     return seconds
 
 

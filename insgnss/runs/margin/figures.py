@@ -91,8 +91,8 @@ def _draw_numbers(axes: Axes, study: FlownMargin) -> None:
 
 def _draw_timeline(axes: Axes, study: FlownMargin, names: list[str]) -> None:
     table = study.satellites
-    kept = table["lock_aided"], table["lock_unaided"]
-    states = (kept[0] & kept[1], kept[0] & ~kept[1], kept[1] & ~kept[0], ~kept[0] & ~kept[1])
+    locked = table["lock_aided"], table["lock_unaided"]
+    states = (locked[0] & locked[1], locked[0] & ~locked[1], locked[1] & ~locked[0], ~locked[0] & ~locked[1])
     for (label, colour), of_state in zip(_STATES, states, strict=True):
         for row, name in enumerate(names):
             at = table.loc[of_state & (table["sv"] == name), "time_s"]

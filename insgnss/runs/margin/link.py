@@ -74,8 +74,8 @@ def emitter_gain(C_nb: Float64, u_n: Float64, antennas: Installation, airframe_l
     every_gain = VisibilityLimits(-1e9, 0.0, 0.0, math.inf)
     C = np.ascontiguousarray(C_nb)
     look_at_all(C, np.zeros_like(C), np.ascontiguousarray(u_n), antennas, every_gain, looks)
-    found = np.nan_to_num(looks.gain[..., 0], nan=0.0)
-    return np.asarray(np.where(looks.reason == MASKED_OBSTRUCTION, found - airframe_loss_db, found))
+    gain_dbic = np.nan_to_num(looks.gain[..., 0], nan=0.0)
+    return np.asarray(np.where(looks.reason == MASKED_OBSTRUCTION, gain_dbic - airframe_loss_db, gain_dbic))
 
 
 def _switched_on(

@@ -75,10 +75,10 @@ def disturbances(run: Run, config: InterferenceConfig) -> Disturbances:
 
 
 def _sensor(run: Run, key: str, model: type[Any]) -> Any:
-    found = run.settings.get(key)
-    if isinstance(found, Mapping):
-        return model.model_validate(dict(found))
-    return found if isinstance(found, model) else None
+    value = run.settings.get(key)
+    if isinstance(value, Mapping):
+        return model.model_validate(dict(value))
+    return value if isinstance(value, model) else None
 
 
 def signal_loop(
@@ -101,10 +101,10 @@ def signal_loop(
             advice=f'name a RINEX code under receiver.signals, {sv[0]} = "C1C"',
         )
     modulation = modulation_of(signal)
-    kept = power_within(modulation, receiver.front_end_hz)
-    if kept < _LEAST_POWER:
+    power = power_within(modulation, receiver.front_end_hz)
+    if power < _LEAST_POWER:
         raise ConfigError(
-            f"a front end of {receiver.front_end_hz / 1e6:g} MHz passes {kept:.0%} of {signal_name(signal)}",
+            f"a front end of {receiver.front_end_hz / 1e6:g} MHz passes {power:.0%} of {signal_name(signal)}",
             key="receiver.front_end_hz",
             advice=f"its main lobes take {modulation.null_to_null_hz / 1e6:.4g} MHz",
         )
@@ -112,8 +112,8 @@ def signal_loop(
     kind: Discriminator = discriminator(receiver.discriminator, receiver.threshold_ratio)
     period = receiver.accumulation_s or modulation.symbol_s
     loop = PhaseLoop(kind, modulation.null_to_null_hz, period)
-    found = [separation(modulation, receiver.front_end_hz, carrier, emitter) for emitter in emitters]
-    return SignalLoop(carrier, loop, np.array(found))
+    separations = [separation(modulation, receiver.front_end_hz, carrier, emitter) for emitter in emitters]
+    return SignalLoop(carrier, loop, np.array(separations))
 
 
 def separation(modulation: Modulation, front_end_hz: float, carrier: float, emitter: Emitter) -> float:
@@ -134,7 +134,7 @@ class LoopThreshold(NamedTuple):
 
 def unaided_and_aided(
     loop: SignalLoop,
-    found: Disturbances,
+    disturbance: Disturbances,
     motion_mps2: Float64,
     residual_mps2: Float64,
     config: InterferenceConfig,
@@ -146,12 +146,12 @@ def unaided_and_aided(
     either loop may carry its acceleration as a third state (``threshold_in_motion``).
     """
     to_carrier = (loop.carrier_hz / L1_HZ) ** 2
-    base = found.oscillator * to_carrier
-    noise = per_mps(loop.carrier_hz) ** 2 * found.accel_noise
+    base = disturbance.oscillator * to_carrier
+    noise = per_mps(loop.carrier_hz) ** 2 * disturbance.accel_noise
     times = config.dynamics
 
     def of(density: float, sigma: Float64, time_s: float) -> LoopThreshold:
-        kind, walk = loop.loop.discriminator, found.phase_walk * to_carrier
+        kind, walk = loop.loop.discriminator, disturbance.phase_walk * to_carrier
         found_at = threshold_in_motion(density, sigma, time_s, loop.carrier_hz, kind.threshold_rms_rad, walk)
         inverse = inverse_cn0(kind, found_at.noise, loop.loop.accumulation_s)
         return LoopThreshold(found_at.density, inverse, found_at.order)

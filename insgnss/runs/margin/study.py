@@ -120,7 +120,7 @@ def flown_margin(
     events: list[tuple[float, str, str]] = []
     if antennas is None:
         antennas = _antennas_of(run, float(path.time_s[0]), events)
-    found = link(path, config.emitter, config.receiver, antennas)
+    links = link(path, config.emitter, config.receiver, antennas)
     gain = rows["gain_dbi"].to_numpy(np.float64)
     seen = emitter_gain(path.C_nb[rows["at"]], _directions(rows)[:, None, :], antennas, 0.0)[:, 0]
     gain = np.where(np.isnan(gain), seen, gain)
@@ -131,12 +131,12 @@ def flown_margin(
         )
         events.append((float(path.time_s[0]), "aiding_absent", detail))
     residual = np.where(np.isnan(sigma), path.accel_sigma[rows["at"]], sigma)
-    table = _satellite_table(run, path, rows, found, gain, residual, disturbances(run, config), config)
-    events += _spells(table) + _never_in_sight(path, found, config)
+    table = _satellite_table(run, path, rows, links, gain, residual, disturbances(run, config), config)
+    events += _spells(table) + _never_in_sight(path, links, config)
     events.sort(key=lambda event: event[0])
     event_table = pd.DataFrame(events, columns=list(EVENT))
     label_as(table, run.nav)
-    return FlownMargin(table, _emitter_table(path, found, config), event_table, config)
+    return FlownMargin(table, _emitter_table(path, links, config), event_table, config)
 
 
 def _antennas_of(run: Run, begin_s: float, events: list[tuple[float, str, str]]) -> Installation:
@@ -153,7 +153,7 @@ def _satellite_table(
     run: Run,
     path: FlownPath,
     rows: pd.DataFrame,
-    found: Link,
+    links: Link,
     gain: Float64,
     residual: Float64,
     disturbed: Disturbances,
@@ -163,7 +163,7 @@ def _satellite_table(
     at, receiver = rows["at"].to_numpy(), config.receiver
     cn0 = receiver.cn0_dbhz + gain
     motion = _along_sight(path.motion[at], rows)
-    js = ratio(found.received_dbw[at] - (receiver.signal_dbw + gain)[:, None])  # (rows, m), zero for -inf
+    js = ratio(links.received_dbw[at] - (receiver.signal_dbw + gain)[:, None])  # (rows, m), zero for -inf
     columns: dict[str, Any] = {
         "time_s": rows["time_s"].to_numpy(np.float64),
         "sv": rows["sv"].astype("str").astype("category"),
@@ -210,18 +210,18 @@ def _directions(rows: pd.DataFrame) -> Float64:
     return directions(rows["az_deg"].to_numpy(np.float64), rows["el_deg"].to_numpy(np.float64))
 
 
-def _emitter_table(path: FlownPath, found: Link, config: InterferenceConfig) -> pd.DataFrame:
-    n, m = found.distance_m.shape
+def _emitter_table(path: FlownPath, links: Link, config: InterferenceConfig) -> pd.DataFrame:
+    n, m = links.distance_m.shape
     names = [emitter.name or f"emitter {k + 1}" for k, emitter in enumerate(config.emitter)]
     columns: dict[str, Any] = {
         "time_s": np.repeat(path.time_s, m),
         "emitter": pd.Categorical(np.tile(np.array(names, dtype=object), n)),
-        "distance_m": found.distance_m.ravel(),
+        "distance_m": links.distance_m.ravel(),
     }
-    columns |= angle_columns(found.u_n.reshape(-1, 3)) | angle_columns(found.u_b.reshape(-1, 3), "body_")
-    columns["gain_dbic"] = found.gain_dbic.ravel()
-    columns["received_dbw"] = found.received_dbw.ravel()
-    columns["in_sight"] = found.in_sight.ravel() > 0.0
+    columns |= angle_columns(links.u_n.reshape(-1, 3)) | angle_columns(links.u_b.reshape(-1, 3), "body_")
+    columns["gain_dbic"] = links.gain_dbic.ravel()
+    columns["received_dbw"] = links.received_dbw.ravel()
+    columns["in_sight"] = links.in_sight.ravel() > 0.0
     return pd.DataFrame(columns)
 
 
@@ -240,9 +240,9 @@ def _spells(table: pd.DataFrame) -> list[tuple[float, str, str]]:
     return events
 
 
-def _never_in_sight(path: FlownPath, found: Link, config: InterferenceConfig) -> list[tuple[float, str, str]]:
-    never = np.flatnonzero(found.in_sight.max(axis=0) == 0.0)
-    nearest_km = found.distance_m.min(axis=0) / 1e3
+def _never_in_sight(path: FlownPath, links: Link, config: InterferenceConfig) -> list[tuple[float, str, str]]:
+    never = np.flatnonzero(links.in_sight.max(axis=0) == 0.0)
+    nearest_km = links.distance_m.min(axis=0) / 1e3
     return [
         (
             float(path.time_s[0]),

@@ -56,10 +56,10 @@ def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> 
         sv_names=names,
         signal_names=("C1C",),
     )
-    found = satellite_states(asked, navigation)
-    place = found.position.copy()
+    satellites = satellite_states(asked, navigation)
+    place = satellites.position.copy()
     # which signal is looked at does not matter to where the satellite is
-    place[~np.isin(found.status, (USED, UNKNOWN_SIGNAL, NO_CHANNEL))] = math.nan
+    place[~np.isin(satellites.status, (USED, UNKNOWN_SIGNAL, NO_CHANNEL))] = math.nan
     lat, lon, h = (np.repeat(column, s) for column in attitude.position.T)
     azimuth, elevation, _ = pymap3d.ecef2aer(*place.T, lat, lon, h, deg=False)
     if not np.isfinite(elevation).any():

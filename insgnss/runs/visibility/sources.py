@@ -73,17 +73,21 @@ def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: floa
     )
     if source.is_dir():
         run = Run.load(source)
-        attitude, found = AttitudeHistory.of_nav(run.nav, config.gps_week, step_s)
+        attitude, source_events = AttitudeHistory.of_nav(run.nav, config.gps_week, step_s)
         if not config.gnss.navigation:
             sky = sky_of_table(attitude, run.satellites, config.gps_week, _LONGEST_GAP_S)
-            return Sources(attitude, sky, antennas, events + found)
+            return Sources(attitude, sky, antennas, events + source_events)
     else:
         columns = config.reference or Reference(file=source)
-        reference, found = read_reference(columns.model_copy(update={"file": source}), config.gps_week)
+        reference, source_events = read_reference(
+            columns.model_copy(update={"file": source}), config.gps_week
+        )
         attitude, missing = AttitudeHistory.of_reference(reference, step_s, source)
-        found = found + missing
+        source_events = source_events + missing
     navigation, more_events = _navigation(flight)
-    return Sources(attitude, sky_of_navigation(attitude, navigation), antennas, events + found + more_events)
+    return Sources(
+        attitude, sky_of_navigation(attitude, navigation), antennas, events + source_events + more_events
+    )
 
 
 def _antennas(flight: Flight, pattern: str | None) -> tuple[MountedAntenna, ...]:

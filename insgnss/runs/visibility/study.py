@@ -97,13 +97,13 @@ def visibility(
     reason[~above] = MASKED_ELEVATION
     names = _SkyTimes(attitude.t_ns, week, sky)
     table = _satellite_table(names, attitude, u_n, decision, reason, antenna, gain, settings)
-    found = [*events, *_waiting(attitude, settings), *_blind_spells(attitude.t_ns, above, seen)]
+    all_events = [*events, *_waiting(attitude, settings), *_blind_spells(attitude.t_ns, above, seen)]
     if settings.on:
-        found += _uncertain(attitude, above, above & ((decision & IS_UNCERTAIN) != 0), settings)
+        all_events += _uncertain(attitude, above, above & ((decision & IS_UNCERTAIN) != 0), settings)
     return VisibilityStudy(
         table,
         dop_table(names.t_ns, week, u_n, sky.sv_names, above, seen),
-        event_table(found, week),
+        event_table(all_events, week),
         antennas,
         settings,
     )
