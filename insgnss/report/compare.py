@@ -133,12 +133,12 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
     shifts = {name: _shift_s(run, week) for name, run in runs.items()}
     for name in others:
         nav = runs[name].nav
-        found = errors_against(nav.assign(time_s=nav["time_s"] + shifts[name]), reference, week, None)
-        if found.empty:
+        errors = errors_against(nav.assign(time_s=nav["time_s"] + shifts[name]), reference, week, None)
+        if errors.empty:
             raise ResultError(
                 f"'{name}' and '{first}' have no time in common", advice="compare runs of the same flight"
             )
-        differences[name] = found.drop(columns="quality")
+        differences[name] = errors.drop(columns="quality")
     span = _common_span(runs, shifts)
     return Comparison(runs, differences, _statistics(runs, shifts, differences, span), span)
 

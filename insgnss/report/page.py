@@ -75,10 +75,10 @@ def report_html(run: Run) -> str:
     if run.nav.empty:
         raise ResultError("the run has no navigation row to show", advice="replay the flight again")
     summary = Section("summary", "Summary", before=key_figures(figures(run)) + paragraphs(sentences(run)))
-    found = [part.section(run) for part in _SECTIONS]
-    made = run.settings.get("made", "")
+    own_sections = [part.section(run) for part in _SECTIONS]
+    date = run.settings.get("made", "")
     events = marked_events(run)
-    sections = with_events([summary, *(section for section in found if section is not None)], events)
+    sections = with_events([summary, *(section for section in own_sections if section is not None)], events)
     marked = f" {len(events)} of {len(run.events)} events are marked on them." if len(events) else ""
-    foot = f"insgnss {__version__}; the run was made {made}. Time axes move together; a double click shows all.{marked}"
+    foot = f"insgnss {__version__}; the run was made {date}. Time axes move together; a double click shows all.{marked}"
     return page(name_of(run), sections, foot, utc_origin_ms(run), about=name_and_utc(run))

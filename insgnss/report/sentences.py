@@ -269,9 +269,9 @@ def _consistency(run: Run) -> list[str]:
 def _trouble(run: Run) -> str:
     """Return the events that report trouble, the most frequent kind first."""
     counts = run.events["kind"].value_counts()
-    found = {str(kind): int(n) for kind, n in counts.items() if kind not in QUIET}
-    if not found:
+    troubles = {str(kind): int(n) for kind, n in counts.items() if kind not in QUIET}
+    if not troubles:
         return "No gaps, resets or clock jumps."
-    kinds = [f"{kind.replace('_', ' ')} ({n})" for kind, n in list(found.items())[:_KINDS_TOLD]]
-    more = f" and {len(found) - _KINDS_TOLD} further kinds" if len(found) > _KINDS_TOLD else ""
+    kinds = [f"{kind.replace('_', ' ')} ({n})" for kind, n in list(troubles.items())[:_KINDS_TOLD]]
+    more = f" and {len(troubles) - _KINDS_TOLD} further kinds" if len(troubles) > _KINDS_TOLD else ""
     return f"Worth a look in the events: {', '.join(kinds)}{more}."

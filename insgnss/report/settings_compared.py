@@ -34,8 +34,8 @@ def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     hashes: dict[str, list[str]] = {}  # of two inputs of one name both
     for path, digest in inputs.items():
         hashes.setdefault(_file_name(path), []).append(str(digest))
-    for name, found in hashes.items():
-        yield f"{_INPUTS}.{name}", ", ".join(sorted(found))
+    for name, digests in hashes.items():
+        yield f"{_INPUTS}.{name}", ", ".join(sorted(digests))
 
 
 def _leaves(key: str, value: Any, inputs: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

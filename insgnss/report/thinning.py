@@ -64,17 +64,17 @@ def line(
 ) -> tuple[Float64, Float64]:
     """Return times and values of a line to draw: its envelope, with a NaN wherever it is broken."""
     before = breaks(time_s, values, period)
-    kept = envelope(values, at_most)
+    points = envelope(values, at_most)
     if len(before) == 0:
-        return time_s[kept], values[kept]
+        return time_s[points], values[points]
     # both shores of a break stay, the longest breaks first if there are too many of them
     if len(before) > at_most // 4:
         longest = np.argsort(time_s[before] - time_s[before - 1], kind="stable")[-(at_most // 4) :]
         before = np.sort(before[longest])
-    kept = np.union1d(kept, np.concatenate([before, before - 1]))
-    at = np.searchsorted(kept, before)
+    points = np.union1d(points, np.concatenate([before, before - 1]))
+    at = np.searchsorted(points, before)
     middle = 0.5 * (time_s[before] + time_s[before - 1])
-    return np.insert(time_s[kept], at, middle), np.insert(values[kept], at, np.nan)
+    return np.insert(time_s[points], at, middle), np.insert(values[points], at, np.nan)
 
 
 def columns_of_time(time_s: Float64, at_most: int) -> tuple[Int64, float, float]:

@@ -135,9 +135,9 @@ def _add(
     chart: ChartRows, rows: pd.DataFrame, name: str, at_most: int, marker: dict[str, Any], group: str
 ) -> None:
     innovation = rows["innovation"].to_numpy()
-    kept = envelope(innovation, at_most)
-    time_s, values = rows["time_s"].to_numpy()[kept], innovation[kept]
-    normalised = values / rows["sd_innovation"].to_numpy()[kept]
+    points = envelope(innovation, at_most)
+    time_s, values = rows["time_s"].to_numpy()[points], innovation[points]
+    normalised = values / rows["sd_innovation"].to_numpy()[points]
     chart.add(0, marker_trace(time_s, values, name, marker["color"], marker=marker, legendgroup=group))
     second = {"marker": marker, "legendgroup": group, "showlegend": False}
     chart.add(1, marker_trace(time_s, normalised, name, marker["color"], **second))
@@ -202,7 +202,7 @@ def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
         "marker": {"color": translucent(PALETTE[6], 0.45)},
         "hoverinfo": "skip",
     }
-    found: Trace = {
+    trace: Trace = {
         "type": "scatter",
         "mode": "markers",
         "name": "mean NIS",
@@ -222,4 +222,4 @@ def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
         " exceed them without being a defect. Green lies inside, amber below (too careful), red above (too trusting)."
     )
     title = f"Mean NIS by satellite: {words}"
-    return Chart(f"chart-nis-{kind}", title, [interval, found], layout, 280, caption)
+    return Chart(f"chart-nis-{kind}", title, [interval, trace], layout, 280, caption)

@@ -37,9 +37,11 @@ def _by_satellite(run: Run) -> str:
     counts = np.bincount(cell, minlength=len(names) * len(status.categories)).reshape(len(names), -1)
     rows = []
     for name, of_satellite in zip(names, counts, strict=True):
-        found = pd.Series(of_satellite, index=[str(word) for word in status.categories])
-        n, n_used = int(found.sum()), int(found.get("used", 0))
-        others = found[(found > 0) & (found.index != "used")].sort_values(ascending=False, kind="stable")
+        by_status = pd.Series(of_satellite, index=[str(word) for word in status.categories])
+        n, n_used = int(by_status.sum()), int(by_status.get("used", 0))
+        others = by_status[(by_status > 0) & (by_status.index != "used")].sort_values(
+            ascending=False, kind="stable"
+        )
         listed = ", ".join(f"{reason} {count}" for reason, count in others.items())
         rows.append([name, n, n_used, f"{100.0 * n_used / n:.1f}", listed or "-"])
     head = ("satellite", "in the log", "used", "used, %", "why not")

@@ -61,10 +61,10 @@ def _thinned(table: pd.DataFrame) -> pd.DataFrame:
     place, names = satellites_of(table)
     each = min(_POINTS_EACH, _POINTS_ALL // max(len(names), 1))
     order = np.argsort(place, kind="stable")
-    kept = []
+    parts = []
     for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
-        kept.append(rows[np.unique(np.linspace(0, len(rows) - 1, min(each, len(rows))).astype(np.int64))])
-    return table.iloc[np.concatenate(kept)]
+        parts.append(rows[np.unique(np.linspace(0, len(rows) - 1, min(each, len(rows))).astype(np.int64))])
+    return table.iloc[np.concatenate(parts)]
 
 
 def _chart(

@@ -31,14 +31,14 @@ def section(run: Run) -> Section | None:
         week = gps_week(run)
     except ResultError:
         return None
-    found = errors_against(run.filtered, trajectory_of(run.nav, week), week, None)
-    time_s = found["time_s"].to_numpy()
+    errors = errors_against(run.filtered, trajectory_of(run.nav, week), week, None)
+    time_s = errors["time_s"].to_numpy()
     known_s = run.heading_known_s()
     settled = time_s >= (-np.inf if known_s is None or known_s > time_s[-1] else known_s)
     charts = []
     for group, _, columns in SIGMA_GROUPS:
-        values = [found[f"d_{column}"].to_numpy() for column in columns]
-        taken = [_taken_off(run, time_s, column, found[f"sd_{column}"].to_numpy()) for column in columns]
+        values = [errors[f"d_{column}"].to_numpy() for column in columns]
+        taken = [_taken_off(run, time_s, column, errors[f"sd_{column}"].to_numpy()) for column in columns]
         charts.append(_chart(group, columns, time_s, values, taken, settled))
     return Section("smoothing", "Filter against smoother", charts=charts)
 

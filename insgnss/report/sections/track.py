@@ -42,20 +42,20 @@ def section(run: Run) -> Section:
     scale = 1e-3 if max(np.ptp(east), np.ptp(north)) > _FROM_KM else 1.0
     east, north = scale * east, scale * north
     sigma, used = horizontal_sigma(nav), used_at(run, nav["time_s"].to_numpy())
-    kept = envelope(np.column_stack([east, north, sigma]), _POINTS)
+    points = envelope(np.column_stack([east, north, sigma]), _POINTS)
     traces = [
         *_reference(run, east, north, scale),
-        _track(nav, east, north, sigma, kept),
+        _track(nav, east, north, sigma, points),
         *_ends(east, north),
     ]
     chosen = traces.index(next(t for t in traces if t["name"] == "track"))
     by_sigma: dict[str, Any] = {
-        "marker.color": [packed(sigma[kept])],
+        "marker.color": [packed(sigma[points])],
         "marker.colorbar.title.text": "sigma, m",
     }
     by_sigma |= {"marker.cmin": [_low(sigma)], "marker.cmax": [_high(sigma)]}
     by_used: dict[str, Any] = {
-        "marker.color": [packed(used[kept])],
+        "marker.color": [packed(used[points])],
         "marker.colorbar.title.text": "satellites",
     }
     by_used |= {"marker.cmin": [float(used.min())], "marker.cmax": [float(max(used.max(), used.min() + 1))]}
@@ -72,10 +72,10 @@ def section(run: Run) -> Section:
     return Section("map", "Map", charts=(chart, _over_tiles(nav)))
 
 
-def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kept: Any) -> Trace:
+def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, points: Any) -> Trace:
     """Return the track as points, coloured by sigma."""
-    place = nav[["lat_deg", "lon_deg", "time_s"]].to_numpy()[kept]
-    marker = {"size": 5, "color": packed(sigma[kept]), "cmin": _low(sigma), "cmax": _high(sigma)}
+    place = nav[["lat_deg", "lon_deg", "time_s"]].to_numpy()[points]
+    marker = {"size": 5, "color": packed(sigma[points]), "cmin": _low(sigma), "cmax": _high(sigma)}
     marker |= {"colorscale": "Viridis", "showscale": True}
     marker |= {"colorbar": {"title": {"text": "sigma, m"}, "thickness": 12, "len": 0.8}}
     return {
@@ -83,8 +83,8 @@ def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kep
         "mode": "markers",
         "name": "track",
         "showlegend": False,
-        "x": packed(east[kept]),
-        "y": packed(north[kept]),
+        "x": packed(east[points]),
+        "y": packed(north[points]),
         "marker": marker,
         "customdata": packed(place, double=True),
         "hovertemplate": "%{customdata[0]:.7f}°, %{customdata[1]:.7f}°<br>%{customdata[2]:.2f} s"
@@ -126,15 +126,15 @@ def _reference(run: Run, east: Float64, north: Float64, scale: float) -> list[Tr
     at = np.minimum(at, len(east) - 1)
     x = east[at] - scale * run.errors["d_e_m"].to_numpy()
     y = north[at] - scale * run.errors["d_n_m"].to_numpy()
-    kept = envelope(np.column_stack([x, y]), _POINTS)
+    points = envelope(np.column_stack([x, y]), _POINTS)
     line = {"color": PALETTE[6], "width": 1}
     return [
         {
             "type": "scatter",
             "mode": "lines",
             "name": "reference",
-            "x": packed(x[kept]),
-            "y": packed(y[kept]),
+            "x": packed(x[points]),
+            "y": packed(y[points]),
             "line": line,
             "hoverinfo": "skip",
         }
