@@ -59,12 +59,12 @@ def decorrelate(L: Float64, D: Float64, Z: Float64) -> None:
         slope = L[j + 1, j]
         together = D[j] + slope * slope * D[j + 1]
         if together < (1.0 - 1e-10) * D[j + 1]:
-            kept, turned = D[j] / together, D[j + 1] * slope / together
-            D[j], D[j + 1] = kept * D[j + 1], together
+            share, turned = D[j] / together, D[j + 1] * slope / together
+            D[j], D[j + 1] = share * D[j + 1], together
             for k in range(j):
                 upper, lower = L[j, k], L[j + 1, k]
                 L[j, k] = lower - slope * upper
-                L[j + 1, k] = kept * upper + turned * lower
+                L[j + 1, k] = share * upper + turned * lower
             L[j + 1, j] = turned
             for k in range(j + 2, n):
                 L[k, j], L[k, j + 1] = L[k, j + 1], L[k, j]
@@ -91,7 +91,7 @@ def search(L: Float64, D: Float64, a: Float64, limit: float, integers: Float64, 
     """
     n, count = a.size, distance.size
     mean, z, stride, spent = np.empty(n), np.empty(n), np.empty(n), np.zeros(n + 1)
-    found, worst, bound = 0, 0, limit
+    n_vectors, worst, bound = 0, 0, limit
     k, is_new = n - 1, True
     while True:
         if is_new:
@@ -108,7 +108,7 @@ def search(L: Float64, D: Float64, a: Float64, limit: float, integers: Float64, 
         if not total < bound:
             k += 1
             if k == n:
-                return found
+                return n_vectors
             is_new = False
             continue
         if k > 0:
@@ -116,11 +116,11 @@ def search(L: Float64, D: Float64, a: Float64, limit: float, integers: Float64, 
             k -= 1
             is_new = True
             continue
-        place = found if found < count else worst
+        place = n_vectors if n_vectors < count else worst
         integers[place] = z
         distance[place] = total
-        found = min(found + 1, count)
-        if found == count:
+        n_vectors = min(n_vectors + 1, count)
+        if n_vectors == count:
             worst = int(np.argmax(distance))
             bound = distance[worst]
         is_new = False
@@ -158,7 +158,7 @@ def nearest_integers(
     decorrelate(L, D, Z)
     whole = np.floor(real)  # large ambiguities cost digits: only the rest is transformed
     integers, distance = np.empty((count, n)), np.empty(count)
-    found = search(L, D, np.ascontiguousarray(Z.T @ (real - whole)), limit, integers, distance)
-    order = np.argsort(distance[:found], kind="stable")
+    n_vectors = search(L, D, np.ascontiguousarray(Z.T @ (real - whole)), limit, integers, distance)
+    order = np.argsort(distance[:n_vectors], kind="stable")
     back = np.rint(np.linalg.solve(Z.T, integers[order].T).T) + whole
     return Candidates(back.astype(np.int64), distance[order])

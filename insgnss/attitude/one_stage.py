@@ -256,13 +256,13 @@ def recovery_curve(model: OneStage, rpy: npt.ArrayLike, angle: int, offsets_rad:
     """
     true = np.asarray(rpy, np.float64)
     Z = _noise_free(model, true)
-    found = []
+    curve = []
     for offset in np.atleast_1d(np.asarray(offsets_rad, np.float64)):
         state = model.start(true + offset * np.eye(3)[angle], 1.0, 1.0)
         psi = phase_differences(state.C_nb, model.array, model.sky)
         J = phases_by_euler(state.rpy, model.array, model.sky)
-        found.append(model._score(Z, psi, J)[1][angle])
-    return np.array(found)
+        curve.append(model._score(Z, psi, J)[1][angle])
+    return np.array(curve)
 
 
 def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 400) -> tuple[float, float]:
@@ -282,7 +282,7 @@ def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 4
                 return True
         return False
 
-    found = []
+    limits = []
     for sign in (-1.0, 1.0):
         inner, outer = _SCAN_RAD, 2.0 * _SCAN_RAD
         while outer < math.pi and comes_back(sign * outer):
@@ -290,8 +290,8 @@ def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 4
         for _ in range(4):
             middle = 0.5 * (inner + outer)
             inner, outer = (middle, outer) if comes_back(sign * middle) else (inner, middle)
-        found.append(sign * 0.5 * (inner + outer))
-    return found[0], found[1]
+        limits.append(sign * 0.5 * (inner + outer))
+    return limits[0], limits[1]
 
 
 def _noise_free(model: OneStage, rpy: Float64) -> Complex:

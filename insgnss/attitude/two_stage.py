@@ -153,19 +153,19 @@ def solve(
     ConfigError : nothing to start from
     """
     rough = epoch.rough(guess_C_nb, guess_sd_rad)
-    found = _resolved(epoch, epoch.array, rough, ratio)
-    if found.is_valid or not found.loss > _largest_loss(epoch):
-        return found
+    solution = _resolved(epoch, epoch.array, rough, ratio)
+    if solution.is_valid or not solution.loss > _largest_loss(epoch):
+        return solution
     swapped = _fitting_order(epoch, rough, ratio) if guess_C_nb is None else ()
     if not swapped:
-        return found
+        return solution
     names = ", ".join(epoch.array.names[i] for i in swapped)
     return Solution(
         False,
         f"the antennas do not fit in the given order, and fit in the order {names}: their cables are swapped",
         *(None, None, None),
-        found.loss,
-        found.ratio,
+        solution.loss,
+        solution.ratio,
         swapped,
     )
 
@@ -237,8 +237,8 @@ def _likely_cycles(rows: PhaseRows, rough: CoarseBaselines, m: int) -> Int64 | N
     real = (H @ centre - rows.phase[m]) / turn
     Q = (H @ P @ H.T + _own_covariance(rows, m)) / turn**2
     limit = 3.0 + _quantile(R)
-    found = nearest_integers(real, Q, CANDIDATES, limit).integers
-    return None if len(found) == CANDIDATES else found
+    cycles = nearest_integers(real, Q, CANDIDATES, limit).integers
+    return None if len(cycles) == CANDIDATES else cycles
 
 
 def _own_covariance(rows: PhaseRows, m: int) -> Float64:
@@ -248,11 +248,11 @@ def _own_covariance(rows: PhaseRows, m: int) -> Float64:
 
 def _vector_sd(rows: PhaseRows) -> Float64:
     """Return the largest standard deviation of a component of each baseline with its cycles resolved, (M - 1,) [m]."""
-    H, found = rows.wave_rows(), []
+    H, sds = rows.wave_rows(), []
     for m in range(len(rows.phase)):
         known = H.T @ np.linalg.solve(_own_covariance(rows, m), H)
-        found.append(1.0 / math.sqrt(max(float(np.linalg.eigvalsh(known)[0]), 1e-6)))
-    return np.array(found)
+        sds.append(1.0 / math.sqrt(max(float(np.linalg.eigvalsh(known)[0]), 1e-6)))
+    return np.array(sds)
 
 
 def _joined(

@@ -28,9 +28,9 @@ def array_of_vehicle(vehicle: str | Path | Vehicle, first: str | None = None) ->
     ModelError, ConfigError : there is no such vehicle, its file is wrong, or it has no antenna named ``first``
     GeometryError : two antennas are at one place
     """
-    found = vehicle_of(vehicle)
-    positions = {antenna.name: antenna.lever_arm_m for antenna in found.antenna}
-    begin = found.antenna[0].name if first is None else first
+    model = vehicle_of(vehicle)
+    positions = {antenna.name: antenna.lever_arm_m for antenna in model.antenna}
+    begin = model.antenna[0].name if first is None else first
     position_of(positions, begin, "first")
     names = (begin, *(name for name in positions if name != begin))
     return AntennaArray(np.array([positions[name] for name in names]), names)
@@ -47,8 +47,8 @@ def array_of_flight(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> Anten
     """
     known: dict[str, Vector3] = {}
     if attitude.vehicle is not None:
-        found = vehicle_of(attitude.vehicle, (folder,))
-        known = {antenna.name: antenna.lever_arm_m for antenna in found.antenna}
+        model = vehicle_of(attitude.vehicle, (folder,))
+        known = {antenna.name: antenna.lever_arm_m for antenna in model.antenna}
     main = attitude.main_antenna or MAIN
     if not known and gnss.lever_b is None:
         raise ConfigError(
@@ -85,11 +85,11 @@ def mounted_antennas(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> tupl
     if attitude.vehicle is not None:
         own = {antenna.name: antenna for antenna in vehicle_of(attitude.vehicle, (folder,)).antenna}
     main = own.get(attitude.main_antenna or MAIN, MountedAntenna(pattern="isotropic"))
-    found: list[MountedAntenna] = [gnss.antenna[0] if gnss.antenna else main]
+    antennas: list[MountedAntenna] = [gnss.antenna[0] if gnss.antenna else main]
     for antenna in attitude.antenna:
         is_told = bool(antenna.model_fields_set & _MOUNTING)
-        found.append(antenna if is_told else own.get(antenna.name, antenna))
-    return tuple(found)
+        antennas.append(antenna if is_told else own.get(antenna.name, antenna))
+    return tuple(antennas)
 
 
 def position_of(positions: dict[str, Vector3], name: str, key: str) -> Vector3:
