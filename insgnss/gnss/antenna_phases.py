@@ -87,8 +87,8 @@ def _part(
 ) -> dict[str, npt.NDArray[np.generic]]:
     """Return the columns of one antenna, those rows alone that have a phase."""
     cycles = gnss.carrier_cycles
-    kept = np.flatnonzero(np.isfinite(cycles)) if cycles is not None else np.zeros(0, np.int64)
-    table = gnss.take(kept)
+    with_phase = np.flatnonzero(np.isfinite(cycles)) if cycles is not None else np.zeros(0, np.int64)
+    table = gnss.take(with_phase)
     number = np.zeros((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), np.int64)
     wave = np.full(number.shape, np.nan)
     for i, j in {(int(i), int(j)) for i, j in zip(table.sv, table.signal, strict=True)}:
@@ -96,19 +96,21 @@ def _part(
         number[i, j] = numbers.setdefault(key, len(numbers))
         wave[i, j] = wavelength_m(key[0][0], key[1], channels.get(key[0]))
     wavelength = wave[table.sv, table.signal]
-    lli = np.zeros(len(kept), np.int8) if table.lli is None else table.lli
+    lli = np.zeros(len(with_phase), np.int8) if table.lli is None else table.lli
     return {
         "epoch": epoch_of(table.t_ns, epoch_ns),
         "t_ns": table.t_ns,
-        "antenna": np.full(len(kept), antenna, np.int8),
+        "antenna": np.full(len(with_phase), antenna, np.int8),
         "channel": number[table.sv, table.signal],
         "phase_m": wavelength * _taken(table.carrier_cycles),
         "code_m": table.pseudorange_m,
         "wavelength_m": wavelength,
         "cn0_dbhz": table.cn0_dbhz,
-        "sat": rows.sat[kept, :6],
+        "sat": rows.sat[with_phase, :6],
         "has_slipped": (lli & LLI_SLIP) != 0,
-        "status": _status(rows.observation["status"][kept, 0], wavelength, rows.sat[kept, 0], lli),
+        "status": _status(
+            rows.observation["status"][with_phase, 0], wavelength, rows.sat[with_phase, 0], lli
+        ),
     }
 
 

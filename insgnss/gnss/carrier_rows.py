@@ -113,18 +113,18 @@ def carrier_rows(
     value = np.full(len(phase), np.nan)
     value[now] = phase[now] - phase[then]
     dt = interval[epoch[now]]
-    found = _indicated(gnss, now, then)
+    marks = _indicated(gnss, now, then)
     if message is not None:
-        _mark(found, message[now] != message[then], MESSAGE_CHANGED)
+        _mark(marks, message[now] != message[then], MESSAGE_CHANGED)
     rate = 0.5 * (range_rate[now] + range_rate[then])
     limit = DOPPLER_LIMIT_MPS * np.minimum(dt, 1.0) + _DOPPLER_LIMIT_MPS3 * dt**3
-    _mark(found, np.abs(value[now]) > _FASTEST_MPS * dt, BAD_VALUE)
-    _mark(found, _apart(value[now] - rate * dt, limit, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
+    _mark(marks, np.abs(value[now]) > _FASTEST_MPS * dt, BAD_VALUE)
+    _mark(marks, _apart(value[now] - rate * dt, limit, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
     way = np.where(np.isfinite(rate), np.nan, gnss.pseudorange_m[now] - gnss.pseudorange_m[then])
-    _mark(found, _apart(value[now] - way, _CODE_LIMIT_M, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
+    _mark(marks, _apart(value[now] - way, _CODE_LIMIT_M, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
     differ = _against_other_carrier(gnss, value[now], dt, epoch[now], now, wavelength)
-    _mark(found, differ, SLIP_GEOMETRY_FREE)
-    status[now] = found
+    _mark(marks, differ, SLIP_GEOMETRY_FREE)
+    status[now] = marks
     status[np.isnan(phase)] = ABSENT
     states = np.full((len(phase), 8), np.nan)
     states[now] = sat[then, :8]
@@ -161,18 +161,18 @@ def _row_before(gnss: GnssTable, epoch: Int64, present: Bool) -> Int64:
     return before
 
 
-def _mark(found: Int8, where: Bool, status: int) -> None:
+def _mark(marks: Int8, where: Bool, status: int) -> None:
     """Write a status where a test fails and none before it has."""
-    found[(found == USED) & where] = status
+    marks[(marks == USED) & where] = status
 
 
 def _indicated(gnss: GnssTable, now: Int64, then: Int64) -> Int8:
     """Return the receiver's own flags for each pair."""
-    found = np.zeros(len(now), np.int8)
+    marks = np.zeros(len(now), np.int8)
     if gnss.lli is not None:
-        _mark(found, (gnss.lli[now] & LLI_SLIP) != 0, SLIP_INDICATED)
-        _mark(found, ((gnss.lli[now] ^ gnss.lli[then]) & LLI_HALF_CYCLE) != 0, HALF_CYCLE)
-    return found
+        _mark(marks, (gnss.lli[now] & LLI_SLIP) != 0, SLIP_INDICATED)
+        _mark(marks, ((gnss.lli[now] ^ gnss.lli[then]) & LLI_HALF_CYCLE) != 0, HALF_CYCLE)
+    return marks
 
 
 def _apart(excess: Float64, limit_m: Float64 | float, epoch: Int64, n_epochs: int) -> Bool:

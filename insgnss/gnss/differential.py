@@ -108,16 +108,16 @@ def differential_corrections(
     usable = (states.status == USED) & np.isfinite(base.pseudorange_m) & np.isfinite(model)
     rows = np.flatnonzero(usable & (sine >= LOWEST_SINE))
     residual = base.pseudorange_m - model
-    kept, correction, events = _without_clock(base, rows, residual[rows], clock_per_signal)
-    order = np.lexsort((base.t_ns[kept], base.signal[kept], base.sv[kept]))
-    kept, correction = kept[order], correction[order]
+    used, correction, events = _without_clock(base, rows, residual[rows], clock_per_signal)
+    order = np.lexsort((base.t_ns[used], base.signal[used], base.sv[used]))
+    used, correction = used[order], correction[order]
     table = Corrections(
         base.sv_names,
         base.signal_names,
-        base.t_ns[kept],
-        base.sv[kept],
-        base.signal[kept],
-        states.message[kept],
+        base.t_ns[used],
+        base.sv[used],
+        base.signal[used],
+        states.message[used],
         correction,
     )
     return table, events
@@ -136,7 +136,7 @@ def apply(corrections: Corrections, gnss: GnssTable, message: Int64 | None, max_
     message : (n,) of the rover's satellite states; None when the messages are known to be the same
     max_age_s : the oldest (or youngest) correction to use
     """
-    found = np.full(len(gnss.t_ns), math.nan)
+    correction_m = np.full(len(gnss.t_ns), math.nan)
     for s, name in enumerate(corrections.sv_names):
         for c, code in enumerate(corrections.signal_names):
             if name not in gnss.sv_names or code not in gnss.signal_names:
@@ -146,8 +146,8 @@ def apply(corrections: Corrections, gnss: GnssTable, message: Int64 | None, max_
             rows = np.flatnonzero(own)
             if last > first and len(rows):
                 wanted = None if message is None else message[rows]
-                found[rows] = _at(corrections, first, last, gnss.t_ns[rows], wanted, max_age_s)
-    return found
+                correction_m[rows] = _at(corrections, first, last, gnss.t_ns[rows], wanted, max_age_s)
+    return correction_m
 
 
 def _span(corrections: Corrections, sv: int, signal: int) -> tuple[int, int]:

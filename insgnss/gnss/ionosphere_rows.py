@@ -94,11 +94,11 @@ def ionosphere_growth(gnss: GnssTable, delay_m: Float64) -> Float64:
         rows = np.flatnonzero((gnss.sv == satellite) & np.isfinite(delay_m))
         t_ns, one, of = np.unique(gnss.t_ns[rows], return_index=True, return_inverse=True)
         delay = delay_m[rows[one]]
-        found = np.full(len(t_ns), math.nan)
+        growth = np.full(len(t_ns), math.nan)
         for arc in np.split(np.arange(len(t_ns)), np.flatnonzero(np.diff(t_ns) > _ARC_GAP_S * NS_PER_S) + 1):
             if len(arc) > 1:
-                found[arc] = np.gradient(delay[arc], (t_ns[arc] - t_ns[arc[0]]) / NS_PER_S)
-        rate[rows] = found[of]
+                growth[arc] = np.gradient(delay[arc], (t_ns[arc] - t_ns[arc[0]]) / NS_PER_S)
+        rate[rows] = growth[of]
     return rate
 
 

@@ -173,11 +173,11 @@ def broadcast_messages(
         arcs = state_vector_arcs(states, state_validity_ns)
     satellites = tuple(sorted({*table.sv_names, *states.sv_names}))
     number = {name: i for i, name in enumerate(satellites)}
-    found: dict[tuple[int, int, int], int] = {}  # (satellite, class, toe) -> row, the last one of its kind
+    row_of: dict[tuple[int, int, int], int] = {}  # (satellite, class, toe) -> row, the last one of its kind
     for k, (name, kind, toe_ns) in enumerate(_classified(table, rows, states, galileo_message)):
         if kind != _UNUSABLE:
-            found[number[name], kind, toe_ns] = k
-    keys = sorted(found)
+            row_of[number[name], kind, toe_ns] = k
+    keys = sorted(row_of)
     count = np.zeros(len(satellites) * _N_CLASSES + 1, np.int64)
     for satellite, kind, _ in keys:
         count[satellite * _N_CLASSES + kind + 1] += 1
@@ -188,7 +188,7 @@ def broadcast_messages(
         toe_ns=np.concatenate([table.toe_ns, states.t_ns]).astype(np.int64),
         validity_ns=np.concatenate([_validity_ns(table, max_age_s), state_validity_ns]),
         is_fnav=np.array(is_fnav, dtype=np.int64),
-        order=np.array([found[key] for key in keys], dtype=np.int64),
+        order=np.array([row_of[key] for key in keys], dtype=np.int64),
         first=np.cumsum(count),
     )
     channels = _channels(states.sv_names, states.channel)

@@ -242,13 +242,13 @@ def flight_times(t_ns: Int64, pseudorange: Float64, tau: Float64) -> None:
     sorted_values = np.empty(len(t_ns))
     start = 0
     while start < len(t_ns):
-        stop, found = start, 0
+        stop, n_times = start, 0
         while stop < len(t_ns) and t_ns[stop] == t_ns[start]:
             if abs(pseudorange[stop]) < C_MPS * _LONGEST_FLIGHT_S:
-                sorted_values[found] = pseudorange[stop] / C_MPS
-                found += 1
+                sorted_values[n_times] = pseudorange[stop] / C_MPS
+                n_times += 1
             stop += 1
-        median = median_of(sorted_values, found) if found > 0 else USUAL_FLIGHT_S
+        median = median_of(sorted_values, n_times) if n_times > 0 else USUAL_FLIGHT_S
         for i in range(start, stop):
             own = pseudorange[i] / C_MPS
             near = abs(own - median) <= WIDEST_SPREAD_S  # false for NaN

@@ -61,14 +61,14 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     )
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))
-    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), PointFit(use, x, P)
+    one, solution = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), PointFit(use, x, P)
     return {
         solve_epochs: (rows, settings, limits, out),
-        solve_position: (rows, settings, ANY_N, ANY_N, room, fits, found, out),
-        solve_velocity: (settings, ANY_N, x, room, fits, found, out),
+        solve_position: (rows, settings, ANY_N, ANY_N, room, fits, solution, out),
+        solve_velocity: (settings, ANY_N, x, room, fits, solution, out),
         broadcast_states: _no_satellites(),
-        write_rows: (rows, settings, ANY_N, ANY_N, found, room, fits, out),
-        fit_position: (rows, settings, ANY_N, ANY_N, room, fits, found, u_n),
+        write_rows: (rows, settings, ANY_N, ANY_N, solution, room, fits, out),
+        fit_position: (rows, settings, ANY_N, ANY_N, room, fits, solution, u_n),
         fit: (one, use, x, fits.work),
         agree: (one, use, x, x, P, fits),
         see_rows: (rows, settings, ANY_N, x, ANY_N, room, u_n),

@@ -170,11 +170,11 @@ def fit_position(
     k: int,
     room: _EpochRows,
     fits: Fits,
-    found: PointFit,
+    solution: PointFit,
     u_n: Float64,
 ) -> tuple[int, float, int]:
-    """Return verdict, statistic and redundant rows of an epoch's position; ``found`` is the output."""
-    use, x = found.use, found.x
+    """Return verdict, statistic and redundant rows of an epoch's position; ``solution`` is the output."""
+    use, x = solution.use, solution.x
     start = np.zeros(len(x))
     fit_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, start)
     verdict, total, freedom = TOO_FEW, math.nan, 0
@@ -185,7 +185,7 @@ def fit_position(
             use[j] = room.offered[0, j] and (step == 0 or room.visible[j])
             if step == 0:
                 room.sigma[0, j] = _UNCORRECTED_SIGMA_M
-        verdict, total, freedom = agree(fit_rows, use, start, x, found.P, fits)
+        verdict, total, freedom = agree(fit_rows, use, start, x, solution.P, fits)
         if verdict == TOO_FEW or verdict == BAD_GEOMETRY:
             break
         radius = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -204,13 +204,13 @@ def write_rows(
     settings: PointSettings,
     e: int,
     kind: int,
-    found: PointFit,
+    solution: PointFit,
     room: _EpochRows,
     fits: Fits,
     out: PointLog,
 ) -> None:
     """Write status, residual and sigma of one kind of the epoch's rows, which may have no solution."""
-    use, x = found.use, found.x
+    use, x = solution.use, solution.x
     solved, free = not math.isnan(x[0]), free_clocks(len(x) - CLOCKS)
     one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], free, out.r_e[e])
     for j in range(len(use)):
@@ -230,7 +230,7 @@ def write_rows(
         sigma = one.sigma[j]
         out.sigma[i, kind] = sigma
         out.residual[i, kind] = residual(one, j, x, fits.work)
-        own = spread(found.P, fits.work.u, CLOCKS + one.group[j])
+        own = spread(solution.P, fits.work.u, CLOCKS + one.group[j])
         variance = sigma * sigma + (-own if use[j] else own)
         if variance > 1e-6 * sigma * sigma:
             out.normalised[i, kind] = out.residual[i, kind] / math.sqrt(variance)
@@ -251,10 +251,10 @@ def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
 
 
 @kernel
-def _misfit(rows: FitRows, found: PointFit, fits: Fits) -> float:
+def _misfit(rows: FitRows, solution: PointFit, fits: Fits) -> float:
     """Return chi-square of the rows in the solution by their redundancy, NaN without any."""
-    freedom = count(found.use) - n_unknowns(rows_per_clock(rows, found.use, len(found.x) - CLOCKS))
-    return normal_matrix(rows, found.use, found.x, fits.work) / freedom if freedom > 0 else math.nan
+    freedom = count(solution.use) - n_unknowns(rows_per_clock(rows, solution.use, len(solution.x) - CLOCKS))
+    return normal_matrix(rows, solution.use, solution.x, fits.work) / freedom if freedom > 0 else math.nan
 
 
 @kernel
@@ -290,12 +290,12 @@ def solve_position(
     k: int,
     room: _EpochRows,
     fits: Fits,
-    found: PointFit,
+    solution: PointFit,
     out: PointLog,
 ) -> int:
     """Solve an epoch for position and clocks; write test, dilution and protection levels, and return the verdict."""
-    use, x, P = found.use, found.x, found.P
-    verdict, out.statistic[e, 0], freedom = fit_position(rows, settings, e, k, room, fits, found, out.u_n)
+    use, x, P = solution.use, solution.x, solution.P
+    verdict, out.statistic[e, 0], freedom = fit_position(rows, settings, e, k, room, fits, solution, out.u_n)
     out.freedom[e, 0] = max(freedom, 0)
     one = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, x)
     if verdict != TOO_FEW and verdict != BAD_GEOMETRY and freedom >= 0:
@@ -305,7 +305,7 @@ def solve_position(
     if verdict == TOO_FEW or verdict == BAD_GEOMETRY or freedom < 0:
         fill(x, math.nan)
         return verdict
-    out.misfit[e, 0] = _misfit(one, found, fits)
+    out.misfit[e, 0] = _misfit(one, solution, fits)
     if verdict == OK or verdict == EXCLUDED:
         redundancy(one, use, x, P, fits.work, fits.room)
         left = count(use) - n_unknowns(rows_per_clock(one, use, len(x) - CLOCKS))
@@ -324,21 +324,21 @@ def solve_velocity(
     r_e: Float64,
     room: _EpochRows,
     fits: Fits,
-    found: PointFit,
+    solution: PointFit,
     out: PointLog,
 ) -> int:
     """Solve an epoch for velocity and drift at a position, write the test, and return the verdict."""
-    use, x = found.use, found.x
+    use, x = solution.use, solution.x
     for j in range(len(use)):
         use[j] = room.offered[1, j] and room.visible[j]
     one = FitRows(RANGE_RATE, room.sat, room.raw[1], room.sigma[1], room.group[1], free_clocks(1), r_e)
-    verdict, out.statistic[e, 1], out.freedom[e, 1] = agree(one, use, np.zeros(4), x, found.P, fits)
+    verdict, out.statistic[e, 1], out.freedom[e, 1] = agree(one, use, np.zeros(4), x, solution.P, fits)
     if verdict != TOO_FEW and verdict != BAD_GEOMETRY:
         dop = np.zeros(5)
         known = dilution(one, use, r_e, room.C_ne, fits.work, np.zeros((4, 4)), dop)
         if not (known and dop[0] <= settings.max_gdop):
             verdict = BAD_GEOMETRY
-        out.misfit[e, 1] = _misfit(one, found, fits)
+        out.misfit[e, 1] = _misfit(one, solution, fits)
     if verdict == TOO_FEW or verdict == BAD_GEOMETRY:
         fill(x, math.nan)
     return verdict
