@@ -275,7 +275,7 @@ def count_predicted(
     room: ChannelRoom,
     history: ReceiverHistory,
 ) -> None:
-    """Count the variances predicted for its replicas' offsets; (m,): ``arriving``, assumed ``levels``."""
+    """Count the variances predicted for the replicas' offsets; ``arriving`` and assumed ``levels`` are (m,)."""
     if receiver.kind == ONE_STAGE and room.done[0] % receiver.record_every != 0:
         return  # the filter's covariance is that of any other integration
     for c in range(room.x.shape[0]):
