@@ -218,7 +218,7 @@ class FilterEngine:
         return NavState.of(self._setup, self.newest_row(), self._samples.last_ns or 0)
 
     def newest_row(self) -> Output:
-        """Return the output at the newest inertial sample: one navigation row, none where there is no filter."""
+        """Return the output at the newest inertial sample: one navigation row, or none before a start."""
         newest = self._samples.last_ns
         rows = self._rows(empty_epoch())
         out = one_row(self._setup, rows)

@@ -69,20 +69,6 @@ def spoilt(
     return flight(base, log, imu=rows(log.imu, sampled), gnss=rows(log.gnss, seen))
 
 
-def with_gaps(
-    seed: int,
-    gaps: tuple[tuple[float, float], ...],
-    wait_s: float,
-    *,
-    outage_s: float = OUTAGE_S,
-    after_s: float = 20.0,
-    grade: str = "industrial",
-    **asked: Any,
-) -> Run:
-    """Return the replay of such a flight."""
-    return insgnss.replay(spoilt(seed, gaps, wait_s, outage_s, after_s, grade), **asked)
-
-
 def between(table: pd.DataFrame, first_s: float, last_s: float) -> pd.DataFrame:
     """Return the rows from one time since the first sample up to another, both inside."""
     t = table["time_s"] - START_S
@@ -151,7 +137,10 @@ def test_errors_before_and_after_a_gap_are_as_large_as_their_covariance_says(blo
 
 
 def test_rows_begin_with_the_first_sample_after_the_gap() -> None:
-    filtered, (_, smoothed) = with_gaps(SEEDS[0], *OUTAGE_AND_GAP, output=5.0), after_an_outage()[0]
+    filtered, (_, smoothed) = (
+        insgnss.replay(spoilt(SEEDS[0], *OUTAGE_AND_GAP), output=5.0),
+        after_an_outage()[0],
+    )
 
     added = between(smoothed.nav, GAP_S + 3.0, GAP_S + 5.0 - 0.1)
 
@@ -165,8 +154,8 @@ def test_rows_begin_with_the_first_sample_after_the_gap() -> None:
 
 def test_long_gap_leaves_the_sensors_errors_alone() -> None:
     """A minute and a half later a bias still tells of what it was; the place does not."""
-    gap, asked = ((30.0, 120.0),), {"outage_s": 5.0, "after_s": 60.0}
-    filtered, smoothed = (with_gaps(9200, gap, 2.0, smooth=smooth, **asked) for smooth in (False, True))
+    flown = spoilt(9200, ((30.0, 120.0),), 2.0, outage_s=5.0, after_s=60.0)
+    filtered, smoothed = (insgnss.replay(flown, smooth=smooth) for smooth in (False, True))
 
     before = [run.nav[run.nav["time_s"] < START_S + 30.0].iloc[-1] for run in (filtered, smoothed)]
 
@@ -178,7 +167,9 @@ def test_long_gap_leaves_the_sensors_errors_alone() -> None:
 def test_way_back_from_a_late_fix_is_as_long_as_the_samples() -> None:
     """An aircraft that has turned by 180 deg until the first fix: a straight line back would be kilometres off."""
     runs = [
-        with_gaps(seed, ((30.0, 34.0),), 60.0, outage_s=0.0, smooth=True, output=1.0, covariance=True)
+        insgnss.replay(
+            spoilt(seed, ((30.0, 34.0),), 60.0, outage_s=0.0), smooth=True, output=1.0, covariance=True
+        )
         for seed in range(9210, 9214)
     ]
     low, high = mean_chi_square_bounds(3, len(runs), 1.0 - (1.0 - CONFIDENCE) / 3)
@@ -191,8 +182,7 @@ def test_way_back_from_a_late_fix_is_as_long_as_the_samples() -> None:
 
 def test_every_gap_of_a_log_is_crossed() -> None:
     gaps = ((GAP_S, GAP_S + 3.0), (GAP_S + 20.0, GAP_S + 24.0))
-    asked = {"output": 5.0, "point": LEVER_ARM_B}
-    run = with_gaps(9201, gaps, 1.0, smooth=True, **asked)
+    run = insgnss.replay(spoilt(9201, gaps, 1.0), smooth=True, output=5.0, point=LEVER_ARM_B)
     assert run.errors is not None
 
     t = np.asarray(run.nav["time_s"]) - START_S
@@ -210,7 +200,8 @@ def test_every_gap_of_a_log_is_crossed() -> None:
 @pytest.mark.parametrize("seed", [9220, 9221, 9222])
 def test_heading_that_is_corrected_by_much_leaves_the_tilt_right(seed: int) -> None:
     """After a gap in a turn the heading has a sigma of 16 deg, and gyros of navigation grade know the tilt at once."""
-    run = with_gaps(seed, ((22.7, 27.7),), 1.3, outage_s=0.0, smooth=True, grade="navigation")
+    flown = spoilt(seed, ((22.7, 27.7),), 1.3, outage_s=0.0, grade="navigation")
+    run = insgnss.replay(flown, smooth=True)
     assert run.errors is not None
 
     errors, told = (between(table, 27.7, 45.0) for table in (run.errors, run.nav))
@@ -221,8 +212,8 @@ def test_heading_that_is_corrected_by_much_leaves_the_tilt_right(seed: int) -> N
 
 def test_gap_before_which_the_heading_was_open_stays_as_it_was() -> None:
     """Which of the headings was right the later filter does not say: it has a heading of its own."""
-    gap = ((9.0, 13.0),)
-    filtered, smoothed = (with_gaps(9202, gap, 0.0, outage_s=0.0, smooth=smooth) for smooth in (False, True))
+    flown = spoilt(9202, ((9.0, 13.0),), 0.0, outage_s=0.0)
+    filtered, smoothed = (insgnss.replay(flown, smooth=smooth) for smooth in (False, True))
 
     before = [between(run.nav, 0.0, 9.0) for run in (filtered, smoothed)]
 

@@ -71,17 +71,15 @@ def fault_model(blocks: Sequence[GnssRows], config: Integrity) -> FaultModel:
     p = config.satellite_fault
     faults = [Fault(satellite_name(int(number)), np.array([number]), p) for number in numbers]
     count = {letter: in_view[letters == letter].sum(axis=0) for letter in sorted(set(letters.tolist()))}
-    unmonitored = two_at_once(count, config) + np.zeros(len(epoch_ns))
     if len(count) < 2:
-        return FaultModel(faults, epoch_ns, unmonitored)
+        return FaultModel(faults, epoch_ns, two_at_once(count, config) + np.zeros(len(epoch_ns)))
     for letter, n in count.items():
         faults.append(Fault(letter, numbers[letters == letter], of_constellation(int(n.max()), config)))
-    faulty = {letter: _faulty(n, config) for letter, n in count.items()}
-    pairs = {pair: faulty[pair[0]] * faulty[pair[1]] for pair in combinations(faulty, 2)}
+    pairs = _pairs(count, config)
+    unmonitored: Float64 = sum(pairs.values(), np.zeros(len(epoch_ns)))
     if len(count) > 2 and unmonitored.max() > MOST_UNMONITORED * config.risk:
-        unmonitored = unmonitored + sum(
-            faulty[a] * faulty[b] * faulty[c] for a, b, c in combinations(faulty, 3)
-        )
+        faulty = [_faulty(n, config) for n in count.values()]
+        unmonitored = unmonitored + sum(a * b * c for a, b, c in combinations(faulty, 3))
         for pair in sorted(pairs, key=lambda pair: -float(pairs[pair].max())):
             of_pair = np.isin(letters, pair)
             if unmonitored.max() <= MOST_UNMONITORED * config.risk:
@@ -105,8 +103,13 @@ def two_at_once(count: Mapping[str, Int64 | int], config: Integrity) -> Float64:
     """
     if len(count) < 2:
         return sum((_two_of(np.asarray(n), config.satellite_fault) for n in count.values()), np.zeros(()))
-    faulty = [_faulty(np.asarray(n), config) for n in count.values()]
-    return sum((a * b for a, b in combinations(faulty, 2)), np.zeros(()))
+    return sum(_pairs(count, config).values(), np.zeros(()))
+
+
+def _pairs(count: Mapping[str, Int64 | int], config: Integrity) -> dict[tuple[str, str], Float64]:
+    """Return the probability that both constellations of a pair are faulty."""
+    faulty = {letter: _faulty(np.asarray(n), config) for letter, n in count.items()}
+    return {(a, b): faulty[a] * faulty[b] for a, b in combinations(faulty, 2)}
 
 
 def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int64, Bool]:

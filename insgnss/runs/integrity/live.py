@@ -12,6 +12,7 @@ risk.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -164,6 +165,8 @@ class LiveProtection:
 
     def compare(self) -> list[Event]:
         """Give the full filter's final results their levels; return alerts, and the event of a risk that is spent."""
+        if not self._waiting:
+            return []
         events: list[Event] = []
         for result in self._waiting:
             if result.out.counts[0].nav:
@@ -175,17 +178,19 @@ class LiveProtection:
 
     def _compare(self, result: EpochResult) -> list[Event]:
         """Give a result its levels."""
-        others = [each.sub.final.get(result.t_ns) for each in self._counted()]
-        outs = [None if other is None else other.out for other in others]
-        levels, d, sigma = self._levels(result.out, outs, result.t_ns)
+        monitored = self._counted()
+        finals = [each.sub.final.get(result.t_ns) for each in monitored]
+        subs = [None if final is None else final.out for final in finals]
+        levels, d, sigma = self._levels(result.out, monitored, subs, result.t_ns)
         limit = alert_limits(sigma, self._config)
-        names = tuple(each.name for each in self._counted())
+        names = tuple(each.name for each in monitored)
         result.protection = EpochProtection(*levels, names, d[:, :, 0], limit[:, :, 0])
-        return self._alerts(result, outs) + self._spent_risk(result.t_ns)
+        return self._alerts(result, subs) + self._spent_risk(result.t_ns)
 
     def newest(self, out: Output, t_ns: int) -> dict[str, float]:
         """Return the levels at the newest sample, the full filter's output there given."""
-        levels, _, _ = self._levels(out, [each.sub.newest_row() for each in self._counted()], t_ns)
+        monitored = self._counted()
+        levels, _, _ = self._levels(out, monitored, [each.sub.newest_row() for each in monitored], t_ns)
         return dict(zip(("hpl_m", "vpl_m"), levels, strict=True))
 
     def _counted(self) -> list[_Monitored]:
@@ -194,7 +199,7 @@ class LiveProtection:
         return [each for each in self._monitored if several or not each.is_constellation]
 
     def _levels(
-        self, full: Output, subs: list[Output | None], t_ns: int
+        self, full: Output, monitored: Sequence[_Monitored], subs: Sequence[Output | None], t_ns: int
     ) -> tuple[tuple[float, float], Float64, Float64]:
         """Return both levels at a time, and the separations and sigmas (k, 3, 1) of the sub-filters."""
         d, sigma = np.full((len(subs), 3, 1), np.nan), np.full((len(subs), 3, 1), np.nan)
@@ -203,7 +208,7 @@ class LiveProtection:
                 d[k], sigma[k] = from_full(full.nav[:1], sub.nav[:1])
         if not subs:  # no satellite yet: what the solution rests on is not monitored
             return (np.inf, np.inf), d, sigma
-        p = np.array([each.fault(self._config).probability for each in self._counted()])
+        p = np.array([each.fault(self._config).probability for each in monitored])
         risk = np.array([max(self._config.risk - self._unmonitored(t_ns), 0.0)])
         hpl_m, vpl_m = protection_levels(place_sigma(full.nav[:1]), d, sigma, p, risk)
         return (float(hpl_m[0]), float(vpl_m[0])), d, sigma

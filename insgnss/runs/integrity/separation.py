@@ -171,7 +171,7 @@ def _spent_risk(unmonitored: Float64, t_ns: Int64, config: Integrity) -> list[Ev
 
 
 def spent_risk(where: str, unmonitored: float, config: Integrity) -> str:
-    """Return the text that says why there is no protection level."""
+    """Return why the protection levels are infinite, in words."""
     return (
         f"no protection level {where}: two faults at once, which no sub-filter covers, have a probability of up to"
         f" {unmonitored:.1e}, integrity.risk is {config.risk:.1e}; raise it, or lower integrity.satellite_fault and"
