@@ -99,7 +99,7 @@ def test_replicas_in_steps_are_off_by_a_twelfth_of_a_step_squared_and_cost_the_f
     assert settled(fine, coarse, VELOCITY) == pytest.approx(settled(fine, runs, VELOCITY), rel=0.05)
 
 
-def test_clock_of_interval_messages_is_honest_where_the_oscillator_is_quiet_within_the_interval() -> None:
+def test_clock_of_interval_messages_is_honest_however_long_the_interval() -> None:
     of = setting("coherent", True, 100.0)
     first, ratio, motion_ratio = math.ceil(of.settle / of.record_every), [], []
     for interval in (20, 4):
@@ -110,8 +110,7 @@ def test_clock_of_interval_messages_is_honest_where_the_oscillator_is_quiet_with
     # the drift of a second is another one: 60 s of 4 runs are 200 looks
     low, high = stats.chi2.interval(0.999, 200)
 
-    assert ratio[0] > 3.0
-    assert low < 200 * ratio[1] < high
+    assert all(low < 200 * of_drift < high for of_drift in ratio)
     assert motion_ratio[0] == pytest.approx(motion_ratio[1], rel=0.2)
 
 

@@ -14,6 +14,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.closed_loop_sky import told_motion
 from insgnss.simulation.oscillator import clock_densities
 from insgnss.studies.receiver.imu import UnknownMotion
+from insgnss.studies.receiver.interval_noise import disturbed_states
 from insgnss.studies.receiver.loop import lead_filter, run_receiver
 from insgnss.studies.receiver.runs import channel_room, new_found
 from insgnss.studies.receiver.variants import (
@@ -201,12 +202,13 @@ def covariances(tracking: str, interval: int, count: int, accelerates: bool) -> 
     states += [BA, BA + 1, BA + 2] if accelerates else []
     for name in ("one_stage", "optimal"):
         rng = np.random.default_rng(33)
-        f = filter_room(grade, oscillator, start, at, rng, False)
+        disturbed = disturbed_states(not accelerates) if name == "optimal" else ()
+        f = filter_room(grade, oscillator, start, at, rng, False, disturbed=disturbed)
         if not accelerates:
             f.P[BA : BA + 3], f.P[:, BA : BA + 3] = 0.0, 0.0
             f.state[0].b_a[:] = 0.0
         unknown = steady if accelerates else None
-        receiver = receiver_of(VARIANTS[name], of.channels.step_s, interval, 1.0, unknown, ANY, count, 0)
+        receiver = receiver_of(VARIANTS[name], of.channels.step_s, interval, 0.0, unknown, ANY, count, 0)
         room = channel_room(receiver, ranges[0], rates[:2], start, rng, of.channels.step_s)
         noise = rng.standard_normal((count, 7, noise_count(of.channels)))
         run_receiver(

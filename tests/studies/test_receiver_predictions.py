@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +22,11 @@ RUNS = 6
 RANGE, RATE = 0, 1
 
 
-# Messages of intervals leave out the oscillator's noise within them: where the signal is strong this is 8 % of the rate
-# (35 dBHz) to 18 % (45 dBHz)
 @pytest.mark.parametrize(
     ("name", "with_ins", "cn0_dbhz"),
     [
         *(("one_stage", True, cn0) for cn0 in (45.0, 25.0)),
-        ("optimal", True, 25.0),
+        *(("optimal", True, cn0) for cn0 in (45.0, 25.0)),
         ("scalar", False, 40.0),
         ("one_stage", False, 30.0),
     ],
@@ -57,7 +54,8 @@ def test_a_covariance_that_counts_the_same_information_twice_promises_too_much()
     assert squares[RATE] > 2.0
 
 
-@pytest.mark.parametrize(("tracking", "interval"), [("coherent", 4), ("noncoherent", 4)])
+# of 20, 40 and 100 ms: in the last one 5 g change by 12 m/s^2
+@pytest.mark.parametrize(("tracking", "interval"), [("coherent", 4), ("coherent", 20), ("noncoherent", 4)])
 def test_second_stage_without_ins_takes_the_acceleration_of_the_interval_and_is_consistent(
     tracking: str, interval: int
 ) -> None:
@@ -71,18 +69,11 @@ def test_second_stage_without_ins_takes_the_acceleration_of_the_interval_and_is_
     assert 1.0 < settled(of, optimal, VELOCITY) / settled(of, one, VELOCITY) < 1.6
 
 
-def test_messages_of_phases_are_consistent_where_the_oscillator_is_quiet_within_the_interval() -> None:
-    of = replace(setting("coherent", True, 100.0), interval=4)  # 20 ms; of 100 ms the NEES is 2.0
+@pytest.mark.parametrize("interval", [4, 20])
+def test_messages_are_consistent_though_the_oscillator_wanders_within_the_interval(interval: int) -> None:
+    of = replace(setting("coherent", True, 100.0), interval=interval)  # of 20 and 100 ms
     runs = flown(of, VARIANTS["optimal"], 45.0, 4, 5)
 
     assert nees_within_bounds(of, runs)
     for k in (RANGE, RATE):
         assert np.mean([(run.rms / run.predicted)[:, k] for run in runs]) == pytest.approx(1.0, abs=0.1)
-
-
-def test_motion_within_a_long_interval_of_phases_is_neglected_and_shows_in_the_nees() -> None:
-    of = setting("coherent", False, 100.0)  # 100 ms, in which 5 g change by 12 m/s^2
-    runs = flown(of, VARIANTS["optimal"], 40.0, 3, 52)
-    first = math.ceil(of.settle / of.record_every)
-
-    assert np.mean([run.nees[first:].mean() for run in runs]) > 3.0

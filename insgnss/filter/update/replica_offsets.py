@@ -88,10 +88,11 @@ def use_acceleration_beside(
     Parameters
     ----------
     P, u, g, v : as in ``use_offsets``
-    columns : (11,) ``ACCELERATION_COLUMNS``, or (12,) with that of the phase's own state
+    columns : (12,) ``ACCELERATION_COLUMNS`` and that of an acceleration that all channels share, or (13,) with that of
+        the phase's own state
     z : (3,) observed minus predicted range, its rate, and the rate's rate [m], [m/s], [m/s^2]
     C : (3, 3) their covariance
-    h : (>= 12,) scratch
+    h : (>= 13,) scratch
     """
     determinant = C[0, 0] * C[1, 1] - C[0, 1] * C[0, 1]
     of_range = (C[0, 2] * C[1, 1] - C[1, 2] * C[0, 1]) / determinant
@@ -99,7 +100,8 @@ def use_acceleration_beside(
     variance = C[2, 2] - of_range * C[0, 2] - of_rate * C[1, 2]
     if variance > 0.0:
         offset_acceleration_row(u, g, of_range, of_rate, h)
-        h[len(ACCELERATION_COLUMNS)] = -of_range
+        h[len(ACCELERATION_COLUMNS)] = 1.0
+        h[len(ACCELERATION_COLUMNS) + 1] = -of_range
         scalar_update(P, h, columns, z[2] - of_range * z[0] - of_rate * z[1], variance, v)
 
 
@@ -204,13 +206,13 @@ def acceleration_covariance(
     Parameters
     ----------
     P, u, g, v : as in ``offset_covariance``
-    columns : (11,) ``ACCELERATION_COLUMNS``, or (12,) with that of the phase's own state
-    h : (3, 12) scratch
+    columns : as in ``use_acceleration_beside``
+    h : (3, 13) scratch
     """
-    own = len(ACCELERATION_COLUMNS)
+    own = len(ACCELERATION_COLUMNS) + 1
     offset_range_row(u, h[0])
     offset_rate_row(u, g, 0.0, h[1])
-    of_acceleration = columns[len(COLUMNS) : own]
+    of_acceleration = columns[len(COLUMNS) : len(ACCELERATION_COLUMNS)]
     covariance_with(P, u, of_acceleration, v[1])
     with_range, with_rate, itself = 0.0, 0.0, 0.0
     for i in range(RANGE_COLUMNS):

@@ -11,12 +11,11 @@ too: e = [range, rate, acceleration], whose last part fades as the motion does (
 The estimate at the interval's begin does not enter, so its errors are independent of those of other intervals: a second
 stage that takes it as white noise counts nothing twice.
 An acceleration that no inertial sample shows, in a gap of them, is added to C on its way (``widen_message``).
-Neglects: the noise of the oscillator, of the inertial system or, without one, of the motion within the interval; with
-it what an attitude that a gap has left unsure does to the acceleration: after 0.1 s at 5 g NEES is 10 to 18 for a
-second (phases, 40 dBHz, 100 ms).
-The oscillator's is one error of all channels: with phases at 40 dBHz and S = 100 rad^2/s^3 the drift's squared error is
-6.4 of its variance for intervals of 100 ms, 1.4 for 40 ms and 1.04 for 20 ms; velocity and attitude do not feel it
-(1.07 for all).
+What oscillator and motion do within the interval is noise of the message, which the filter knows to be that of its own
+prediction (``interval_noise``).
+Neglects: the noise of the inertial system within the interval; in a gap of its samples, that the motion is one error of
+all channels, and what an attitude that the gap has left unsure does to the acceleration: after 0.1 s at 5 g NEES is 10
+to 18 for a second (phases, 40 dBHz, 100 ms).
 
 The sums of a channel are ``s`` (p, p + 1): the matrix L of the p offsets, and beside it the vector b; C = L^-1.
 """

@@ -317,6 +317,6 @@ def record(
         history.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0] + (room.cycles[c] - apart)
         history.offsets[at, c, 0] += arriving.apart[k, c]
         history.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
-        if f.P.shape[0] > OFFSETS:
+        if has_phase_states(f):
             history.apart[at, c, 0] = m.optional[c] - room.cycles[c]
             history.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]

@@ -18,6 +18,7 @@ from insgnss.filter.update.replica_offsets import (
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.kernels.jit import kernel
 from insgnss.studies.receiver.interval_message import carry_message, solve_message, widen_message
+from insgnss.studies.receiver.interval_noise import disturb, lead_noise, undisturb
 from insgnss.studies.receiver.phase_return import clear_message, has_phase_states, own_column
 from insgnss.studies.receiver.workspace import (
     INTERVAL_MESSAGE,
@@ -72,6 +73,8 @@ def lead_channels(
         P[0, 1] += u[1]
         P[1, 0] += u[1]
         P[1, 1] += u[2]
+    if with_filter and receiver.kind == INTERVAL_MESSAGE:
+        lead_noise(receiver, room)
 
 
 @kernel(inline=True)
@@ -92,6 +95,8 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
 def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with its channels' measurements; the intervals' sums restart."""
     own, own_covariance, known = room.z, room.C, True
+    if receiver.kind == INTERVAL_MESSAGE:
+        disturb(f, room)
     for c in range(room.x.shape[0]):
         if receiver.kind == INTERVAL_MESSAGE:
             known = solve_message(room.message[c], own, own_covariance)
@@ -118,6 +123,8 @@ def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: C
                 use_acceleration_beside(f.P, columns, room.u[c], room.g[c], own, own_covariance, f.h[0], f.v)
         else:
             room.innovation[c] = math.nan
+    if receiver.kind == INTERVAL_MESSAGE:
+        undisturb(f, room)
 
 
 @kernel(apart=True)

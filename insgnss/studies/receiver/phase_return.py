@@ -41,15 +41,15 @@ SURE_SIGMAS: Final = 4.0
 @kernel(inline=True)
 def has_phase_states(f: FilterRoom) -> bool:
     """Return whether each phase has a state of its own."""
-    return bool(f.P.shape[0] > OFFSETS)
+    return bool(f.columns.shape[0] > len(COLUMNS))
 
 
 @kernel(inline=True)
 def own_column(f: FilterRoom, c: int) -> None:
     """Let the last column of a channel's rows be the state of its own phase."""
-    if f.columns.shape[0] > len(COLUMNS):
+    if has_phase_states(f):
         f.columns[len(COLUMNS)] = OFFSETS + c
-        f.acceleration_columns[len(ACCELERATION_COLUMNS)] = OFFSETS + c
+        f.acceleration_columns[len(ACCELERATION_COLUMNS) + 1] = OFFSETS + c
 
 
 @kernel(inline=True)

@@ -17,6 +17,7 @@ from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, t
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver.estimated_cn0 import EstimatedCn0
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
+from insgnss.studies.receiver.interval_noise import disturbed_states
 from insgnss.studies.receiver.loop import run_receiver
 from insgnss.studies.receiver.masking import ReceiverMasking
 from insgnss.studies.receiver.search import Searches, SearchRow
@@ -32,6 +33,7 @@ from insgnss.studies.receiver.variants import (
 )
 from insgnss.studies.receiver.workspace import (
     HELD,
+    INTERVAL_MESSAGE,
     NO_SIGNAL,
     RECORDED,
     SCALAR,
@@ -170,7 +172,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     begin, density = TrueStart.of(truth, clock), setting.divergence_density
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     phases = m if variant.has_filter and channels.coherent and setting.may_lose_signals(cn0) else 0
-    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density, phases)
+    disturbed = disturbed_states(ins) if variant.kind == INTERVAL_MESSAGE else ()
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density, phases, disturbed)
     receiver = receiver_of(
         variant,
         truth.step_s,
@@ -295,6 +298,8 @@ def channel_room(
         P=np.tile(np.diag(sigma**2), (m, 1, 1)),
         base=np.zeros((m, 2)),
         message=np.zeros((m, p, p + 1)),
+        whole=np.zeros((p, p + 1)),
+        disturbed=np.zeros((len(receiver.noise), 2, p, p + 1)),
         z=np.zeros(p),
         C=np.zeros((p, p)),
         u=np.zeros((m, 3)),

@@ -48,6 +48,7 @@ from insgnss.simulation.oscillator import ClockTruth
 from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.workspace import (
     INTERVAL_MESSAGE,
+    NO_STATE,
     ONE_STAGE,
     SCALAR,
     TWO_STAGE,
@@ -229,16 +230,27 @@ class TrueStart:
         return cls(truth.r_e[0], truth.v_e[0], truth.C_eb[0], bias, drift, acceleration)
 
 
-def phase_states(count: int, density: float) -> Layout:
-    """Return the states of ``count`` phases, each its range less that of the code; ``density`` [m^2/s] two-sided.
+def further_states(phases: int, density: float, disturbed: int = 0) -> Layout:
+    """Return the states behind those of motion and clock.
+
+    Parameters
+    ----------
+    phases : how many have a state of their own, each its range less that of the code
+    density : of their walk, two-sided [m^2/s]
+    disturbed : how many hold what noise within an interval does to its messages; zero between two updates
 
     Raises
     ------
     ConfigError : more than there is room for
     """
-    names = tuple(f"phase_{c}_m" for c in range(count))
-    walk = RandomWalk(math.sqrt(density))
-    return Layout((StateBlock("phase_less_code", names, "m", _FOUND_M, walk),) if count else ())
+    blocks = []
+    if phases:
+        names = tuple(f"phase_{c}_m" for c in range(phases))
+        blocks.append(StateBlock("phase_less_code", names, "m", _FOUND_M, RandomWalk(math.sqrt(density))))
+    if disturbed:
+        names = tuple(f"interval_{i}" for i in range(disturbed))
+        blocks.append(StateBlock("interval_noise", names, "1", 1.0, RandomWalk(0.0)))
+    return Layout(tuple(blocks))
 
 
 def filter_room(
@@ -251,6 +263,7 @@ def filter_room(
     directions: Float64 | None = None,
     divergence_density: float = 0.0,
     phases: int = 0,
+    disturbed: tuple[int, ...] = (),
 ) -> FilterRoom:
     """Return a filter that begins with errors of the ``start``'s sigmas.
 
@@ -258,12 +271,14 @@ def filter_room(
     vehicle's acceleration. With ``directions`` (m, 3) to the satellites each phase has a state of its own: position and
     clock are those of a code that was acquired, and the phases have been seen once with the ``start``'s sigma.
     Without directions there is room for ``phases`` of them: their variance is zero until a phase comes
-    back whose cycle is not known.
+    back whose cycle is not known. Behind them is room for what noise within an interval does to the states
+    ``disturbed`` (``interval_noise``).
     """
     phases = phases if directions is None else 0
     extra = phases if directions is None else len(directions)
-    layout = phase_states(extra, divergence_density if directions is not None else 0.0)
-    bank, sensor, n = new_bank(1, extra), sensor_model(grade), OFFSETS + extra
+    further = extra + len(disturbed)
+    layout = further_states(extra, divergence_density if directions is not None else 0.0, len(disturbed))
+    bank, sensor, n = new_bank(1, further), sensor_model(grade), OFFSETS + further
     m, P = bank.state[0], bank.P[0]
     sigma = np.zeros(n)
     sigma[DR : DR + 3], sigma[DV : DV + 3] = start.position_m, start.velocity_mps
@@ -277,7 +292,8 @@ def filter_room(
         sigma[DR : DR + 3], sigma[CLOCK], sigma[OFFSETS:] = _FOUND_M, _FOUND_M, _FOUND_M
     P[:] = np.diag(sigma**2)
     draws = np.zeros(n)
-    draws[: n - phases] = rng.standard_normal(n - phases)
+    known = n - phases - len(disturbed)
+    draws[:known] = rng.standard_normal(known)
     error = sigma * draws
     if directions is not None:
         error = _phases_seen(P, error, directions, start.position_m, rng)
@@ -291,16 +307,20 @@ def filter_room(
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
     m.clock[0], m.clock[1] = at.clock_m + error[CLOCK], at.drift_mps + error[DRIFT]
+    own = (OFFSETS,) if extra else ()
+    # what the clock does to the accelerations of all channels; only messages of intervals have any
+    shared = OFFSETS + extra + disturbed.index(NO_STATE) if NO_STATE in disturbed else CLOCK
     return FilterRoom(
         bank.state,
         P,
         parameters_of(grade, oscillator, layout),
         new_scratch(n),
         np.zeros((4, n)),
-        np.zeros((3, len(ACCELERATION_COLUMNS) + 1)),
-        np.array((*COLUMNS, OFFSETS) if extra else COLUMNS, np.int64),
+        np.zeros((3, len(ACCELERATION_COLUMNS) + 2)),
+        np.array((*COLUMNS, *own), np.int64),
         np.array((*COLUMNS[:RANGE_COLUMNS], OFFSETS), np.int64),
-        np.array((*ACCELERATION_COLUMNS, OFFSETS) if extra else ACCELERATION_COLUMNS, np.int64),
+        np.array((*ACCELERATION_COLUMNS, shared, *own), np.int64),
+        np.array(disturbed, np.int64),
     )
 
 
@@ -354,12 +374,17 @@ def receiver_of(
     """
     # range, its rate, and the acceleration if it is unknown
     states = 2 if unknown is None else 3
-    A, Q = np.diag(np.ones(states - 1), 1), np.zeros((states, states))
-    Q[1, 1] = variant.widening * drift_density
+    A, of_clock, of_motion = (
+        np.diag(np.ones(states - 1), 1),
+        np.zeros((states, states)),
+        np.zeros((states, states)),
+    )
+    of_clock[1, 1] = drift_density
     if unknown is not None:
         A[2, 2] = -1.0 / unknown.time_s
-        Q[2, 2] = 2.0 * unknown.sigma_mps2**2 / unknown.time_s
-    F, walk = discretised(A, Q, step_s)
+        of_motion[2, 2] = 2.0 * unknown.sigma_mps2**2 / unknown.time_s
+    F, walk = discretised(A, variant.widening * of_clock + of_motion, step_s)
+    disturbing = (of_clock,) if unknown is None else (of_clock, of_motion)
     return ReceiverDesign(
         variant.kind,
         interval,
@@ -367,6 +392,7 @@ def receiver_of(
         np.ascontiguousarray(F),
         np.ascontiguousarray(walk),
         np.ascontiguousarray(linalg.inv(F)),
+        np.stack([discretised(A, density, step_s).Q for density in disturbing]),
         record_every,
         settle,
         limits,

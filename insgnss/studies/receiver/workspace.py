@@ -15,6 +15,7 @@ from insgnss.tables import Float64, Int64
 SCALAR, TWO_STAGE, INTERVAL_MESSAGE, ONE_STAGE = range(4)
 NO_SIGNAL: Final = -1  # the level of a channel that has nothing to see
 HELD: Final = -1
+NO_STATE: Final = -1  # among those that noise disturbs: an offset of a message that no state makes
 # states whose covariance is kept: motion and clock
 RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
 
@@ -28,6 +29,7 @@ class ReceiverDesign(NamedTuple):
     F: Float64  # (p, p) transition of a channel's range, rate (and acceleration) over an integration
     walk: Float64  # (p, p) what is added to their covariance
     back: Float64  # (p, p) F^-1
+    noise: Float64  # (1 or 2, p, p) what clock, and motion without INS, add to a path's covariance over an integration
     record_every: int  # integrations
     settle: int  # integrations whose offsets do not count
     # beyond which a channel is lost: range [m], rate [m/s], and for how long
@@ -67,8 +69,11 @@ class FilterRoom(NamedTuple):
     h: Float64  # (3, 12)
     columns: Int64  # (8,), or (9,) where phases have states of their own: the last one is a channel's
     phase_columns: Int64  # (5,) scratch
-    # (11,) or (12,): those, and the accelerometers' biases in front of a phase's own state
+    # (12,) or (13,): those, with the accelerometers' biases and what all accelerations share in front of a phase's own
     acceleration_columns: Int64
+    # (k,) states that noise within an interval drives, where the filter takes messages of intervals; it has as many
+    # states behind all others for what this noise does to the messages
+    disturbed: Int64
 
 
 class ChannelRoom(NamedTuple):
@@ -78,6 +83,10 @@ class ChannelRoom(NamedTuple):
     P: Float64  # (m, p, p)
     base: Float64  # (m, 2) the filter's predictions from which the next change is counted
     message: Float64  # (m, p, p + 1) of the interval
+    whole: Float64  # (p, p + 1) their sum
+    disturbed: (
+        Float64  # (1 or 2, 2, p, p + 1) what this noise does to it: the sums G and Y of ``interval_noise``
+    )
     z: Float64  # (p,) what a channel gives to the filter ...
     C: Float64  # (p, p) ... and its covariance
     u: Float64  # (m, 3)

@@ -1,0 +1,150 @@
+"""What oscillator and motion do within an interval to the messages of its channels, compiled.
+
+A message (``interval_message``) takes its path for undisturbed. Noise w_j that enters after the observation j - 1 is
+not in that and the earlier ones, which the message leads on to the end nevertheless: it is off by
+
+    d = -C sum L_(j-1) A^(n-j) w_j,        L_j the information of the first j observations, as of the end
+
+The clock is one error of all channels, and so is the motion along each axis by the lines of sight. The filter's own
+prediction holds the same noise. With G = sum L_(j-1) Q_j L_(j-1), Y = sum Q_j L_(j-1), Q_j = A^(n-j) Q A^(n-j)^T,
+
+    cov(d) = C G C,        cov(x, d) = -Y C
+
+So d is a state of the filter for the time of an update, for each state x that the noise drives. The messages see
+x + d: x takes d in, the rows are those of any offset, and d is taken out again. From one observation to the next
+
+    L <- B^T L B,   G <- B^T G B + L Q L,   Y <- A Y B + Q L,        B = A^-1
+
+Neglects: that channels of unequal C/N0, or whose signal came within the interval, weigh its observations otherwise than
+the sum of all does.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.state import BA, CLOCK, DR, DRIFT, DV
+from insgnss.kernels.jit import kernel
+from insgnss.studies.receiver.interval_message import carry_message, solve_message
+from insgnss.studies.receiver.workspace import NO_STATE, ChannelRoom, FilterRoom, ReceiverDesign
+from insgnss.tables import Float64
+
+_ACCELERATION: Final = 2  # of a message's offsets
+
+
+def disturbed_states(with_ins: bool) -> tuple[int, ...]:
+    """Return the states that noise within an interval drives, one for each offset of a message: clock, motion by axis.
+
+    With INS the motion is known. The clock has no state that a message's acceleration would see: ``NO_STATE``.
+    """
+    if with_ins:
+        return CLOCK, DRIFT
+    return (CLOCK, DRIFT, NO_STATE, *(state + i for i in range(3) for state in (DR, DV, BA)))
+
+
+@kernel(apart=True)
+def lead_noise(receiver: ReceiverDesign, room: ChannelRoom) -> None:
+    """Lead the sums G and Y of clock and motion on by an integration, the messages' own L before its observations."""
+    p, half = receiver.F.shape[0], room.F_P
+    sum_messages(room)
+    for k in range(receiver.noise.shape[0]):
+        G, Y = room.disturbed[k, 0], room.disturbed[k, 1]
+        carry_message(G, receiver.back)
+        multiply(receiver.F, Y, half)
+        multiply(half, receiver.back, Y)
+        multiply(receiver.noise[k], room.whole, half)
+        for i in range(p):
+            for j in range(p):
+                total = 0.0
+                for b in range(p):
+                    total += room.whole[i, b] * half[b, j]
+                G[i, j] += total
+                Y[i, j] += half[i, j]
+
+
+@kernel(inline=True)
+def sum_messages(room: ChannelRoom) -> None:
+    """Write the sum of the channels' messages."""
+    for i in range(room.whole.shape[0]):
+        for j in range(room.whole.shape[1]):
+            total = 0.0
+            for c in range(room.message.shape[0]):
+                total += room.message[c, i, j]
+            room.whole[i, j] = total
+
+
+@kernel(inline=True)
+def multiply(A: Float64, X: Float64, to: Float64) -> None:
+    """Write the product A X of the first p columns, ``A`` (p, p)."""
+    p = A.shape[0]
+    for i in range(p):
+        for j in range(p):
+            total = 0.0
+            for b in range(p):
+                total += A[i, b] * X[b, j]
+            to[i, j] = total
+
+
+@kernel(apart=True)
+def disturb(f: FilterRoom, room: ChannelRoom) -> None:
+    """Let the filter's states be those that the messages have seen: x <- x + d, d the last states of ``P``.
+
+    Nothing is done where the channels together do not observe all offsets.
+    """
+    P, states = f.P, f.disturbed
+    at, p = P.shape[0] - states.shape[0], room.C.shape[0]
+    sum_messages(room)
+    if not solve_message(room.whole, room.z, room.C):
+        return
+    half = room.F_P
+    for i in range(states.shape[0]):
+        first, own, source = i // p * p, i % p, min(i // p, 1)
+        multiply(room.disturbed[source, 1], room.C, half)
+        for j in range(p):
+            if states[first + j] != NO_STATE:
+                crossed = -sign_of(source, own) * sign_of(source, j) * half[j, own]
+                P[at + i, states[first + j]], P[states[first + j], at + i] = crossed, crossed
+        multiply(room.C, room.disturbed[source, 0], half)
+        for j in range(p):
+            total = 0.0
+            for b in range(p):
+                total += half[own, b] * room.C[b, j]
+            P[at + i, at + first + j] = sign_of(source, own) * sign_of(source, j) * total
+    for i in range(states.shape[0]):
+        if states[i] != NO_STATE:
+            add_state(P, states[i], at + i, 1.0)
+
+
+@kernel(inline=True)
+def sign_of(source: int, offset: int) -> float:
+    """Return the sign of a state as part of an offset: without INS a bias is minus the vehicle's acceleration."""
+    return -1.0 if source == 1 and offset == _ACCELERATION else 1.0
+
+
+@kernel(apart=True)
+def undisturb(f: FilterRoom, room: ChannelRoom) -> None:
+    """Take the noise of the interval out of the filter's states again, and forget it."""
+    P, states = f.P, f.disturbed
+    at = P.shape[0] - states.shape[0]
+    for i in range(states.shape[0]):
+        if states[i] != NO_STATE:
+            add_state(P, states[i], at + i, -1.0)
+            f.v[0, states[i]] -= f.v[0, at + i]
+    for i in range(at, P.shape[0]):
+        f.v[0, i] = 0.0
+        for c in range(P.shape[0]):
+            P[i, c], P[c, i] = 0.0, 0.0
+    for k in range(room.disturbed.shape[0]):
+        for i in range(room.disturbed.shape[2]):
+            for j in range(room.disturbed.shape[3]):
+                room.disturbed[k, 0, i, j], room.disturbed[k, 1, i, j] = 0.0, 0.0
+
+
+@kernel(inline=True)
+def add_state(P: Float64, to: int, other: int, sign: float) -> None:
+    """Let one state of a covariance become its sum with another, or its difference: symmetric to the last bit."""
+    own = P[to, to] + 2.0 * sign * P[to, other] + P[other, other]
+    for c in range(P.shape[0]):
+        P[to, c] += sign * P[other, c]
+        P[c, to] = P[to, c]
+    P[to, to] = own
