@@ -179,9 +179,10 @@ def place_slow_variances(
     What the state has taken of an error already is not in the innovation any more. A reflection of up to a sigma of the
     row is in its own variance already. While several headings are open, what the state has taken widens no gate.
     """
-    first, n, S = rows.first[epoch], bank.head[0].n_slow, bank.slow.S
+    first, n = rows.first[epoch], bank.head[0].n_slow
     one_heading = bank.state.shape[0] == 1
     write_reflections(bank.memory[member], par, rows, epoch, lines)
+    S, left = by_state(bank.slow.S, n, par.held[: par.n_held]), np.empty(n)
     for j in range(rows.first[epoch + 1] - first):
         line, row = lines[j], rows.observation[first + j]
         line.slow, line.astray = 0.0, 0.0
@@ -190,15 +191,29 @@ def place_slow_variances(
         place_loads(par, row, line)
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
         for i in range(n):
+            left[i] = load_of(line, row, i)
+        for a in range(columns.shape[0]):
+            add_scaled(left, -h[a], S[columns[a]])
+        slow, astray = 0.0, predicted_variance(bank.slow.R, h, columns)
+        for i in range(n):
             if not is_reflection(i):
-                line.slow += not_taken(S[i], h, columns, load_of(line, row, i)) ** 2
+                slow += left[i] ** 2
+            elif one_heading:
+                load = load_of(line, row, i)
+                astray += max(left[i] ** 2 - min(load * load, line.variance[PSEUDORANGE]), 0.0)
+        line.slow = slow
         if one_heading:  # else what contradicts a wrong one would pass for its sake
-            line.astray = predicted_variance(bank.slow.R, h, columns)
-            for i in range(n):
-                if is_reflection(i):
-                    load = load_of(line, row, i)
-                    known = min(load * load, line.variance[PSEUDORANGE])
-                    line.astray += max(not_taken(S[i], h, columns, load) ** 2 - known, 0.0)
+            line.astray = astray
+
+
+@kernel(inline=True)
+def by_state(S: Float64, n: int, held: Int64) -> Float64:
+    """Return the effects of the first ``n`` slow errors, those on one state side by side; zero on states not held."""
+    turned = np.zeros((S.shape[1], n))
+    for c in held:
+        for i in range(n):
+            turned[c, i] = S[i, c]
+    return turned
 
 
 @kernel(inline=True)
