@@ -215,6 +215,42 @@ def test_time_within_a_subframe_string_page_or_secondary_code_gives_the_range(
     assert log.gnss.pseudorange_m.tolist() == pytest.approx([sat.travel_ns * C_MPS / 1e9], abs=1e-6)
 
 
+def test_code_type_that_the_band_does_not_have_is_the_usual_one_and_told(tmp_path: Path) -> None:
+    pilot = Sat(5, 30, 75_000_003, L5, "Q")  # as many phones call the pilot of BeiDou's B2a
+    both = dataclasses.replace(pilot, svid=31, code="X")
+    regulated = Sat(6, 11, 85_000_005, L1, "A", 0x400 | 0x8)  # as a phone calls the open signal of E1
+    known = dataclasses.replace(GPS_5, carrier_hz=L5, code="Q")
+    log = read(tmp_path, epoch(T, [pilot, both, regulated, known]))
+    named = {("C30", "C5P"), ("C31", "C5X"), ("E11", "C1C"), ("G05", "C5Q")}
+    assert {key[1:] for key in rows(log.gnss)} == named
+    (event,) = log.events
+    assert event.kind == "android_code_type"
+    assert event.detail.endswith("the usual code taken: 1 A of E C1C, 1 Q of C C5P")
+
+
+@pytest.mark.parametrize("step", [-0.5, 0.0])
+def test_glonass_carriers_half_a_channel_low_are_of_the_next_channel(tmp_path: Path, step: float) -> None:
+    channels = {2: -4, 10: -7, 1: 1, 8: 6}
+    carriers = {k: np.float32(G1 + (n + step) * 562.5e3) for k, n in channels.items()}  # as phones round them
+    sats = [Sat(3, k, 66_000_007, float(hz), "C", 0x1 | 0x80) for k, hz in carriers.items()]
+    log = read(tmp_path, epoch(T, sats))
+    assert log.gnss.glonass_channels == {f"R{k:02d}": n for k, n in channels.items()}
+    assert len(log.gnss.t_ns) == len(channels) and log.events == []
+
+
+def test_line_of_state_0_is_no_measurement_whatever_its_uncertainties(tmp_path: Path) -> None:
+    nothing = dataclasses.replace(
+        GPS_5, state=0, sent_uncertainty_ns=7.0, rate_uncertainty_mps=0.1, rate_mps=563.1
+    )
+    tracked = dataclasses.replace(GPS_5, svid=7, sent_uncertainty_ns=7.0)
+    log = read(tmp_path, epoch(T, [nothing, tracked]))
+    assert log.gnss.sv_names == ("G05", "G07")
+    assert (
+        np.isnan(log.gnss.doppler_hz).tolist() == np.isnan(log.gnss.pseudorange_m).tolist() == [True, False]
+    )
+    assert "1 signal(s) that the phone was searching for" in log.events[0].detail
+
+
 def test_signals_that_the_phone_searches_for_keep_their_cn0_alone(tmp_path: Path) -> None:
     searched = dataclasses.replace(GPS_5, state=0x4000, sent_uncertainty_ns=1e9, rate_uncertainty_mps=C_MPS)
     tracked = dataclasses.replace(GPS_5, svid=7, sent_uncertainty_ns=20.0, rate_uncertainty_mps=0.3)

@@ -13,6 +13,7 @@ with predicted numbers and an uncertainty of a second: of these C/N0 alone is ke
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -96,11 +97,29 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
             kept & measured & known & ~plausible,
         ),
     )
+    events += _other_codes(raw, names, signals, kept)
     travel_ns = np.where(measured & known & plausible, travel_ns, np.nan)
     rows = np.flatnonzero(kept)
     rows = rows[np.argsort(clock.t_ns[rows], kind="stable")]
     chosen = [(names[k] or "", signals[k] or AndroidSignal("", np.nan)) for k in rows.tolist()]
     return _table(raw, clock, rows, chosen, travel_ns, measured), clock, events
+
+
+def _other_codes(
+    raw: AndroidCells, names: list[str | None], signals: list[AndroidSignal | None], kept: Bool
+) -> list[Event]:
+    """Return an event if lines state a code type that RINEX does not have for their signal."""
+    stated = [text.strip().upper() for text in raw.texts("CodeType")]
+    count = Counter(
+        f"{text} of {(name or '')[:1]} {one.code}"
+        for name, one, text, keep in zip(names, signals, stated, kept.tolist(), strict=True)
+        if keep and one is not None and text not in ("", one.code[-1])
+    )
+    if not count:
+        return []
+    listed = ", ".join(f"{n} {what}" for what, n in sorted(count.items()))
+    detail = f"line(s) with a CodeType that their signal does not have, the usual code taken: {listed}"
+    return [Event(None, "android_code_type", detail)]
 
 
 def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
@@ -120,10 +139,14 @@ def _rounded(raw: AndroidCells, name: str) -> Bool:
 
 
 def _measured(raw: AndroidCells) -> Bool:
-    """Return which lines are of signals that the phone tracked: by the stated uncertainty, else by the state."""
+    """Return which lines are of signals that the phone tracked: by the stated uncertainty, else by the state.
+
+    State 0 means that nothing of the signal was found, whatever the uncertainty.
+    """
     uncertainty_ns = raw.decimals("ReceivedSvTimeUncertaintyNanos")
-    locked = raw.integers("State")[0] & _LOCKED != 0
-    return np.asarray(np.where(uncertainty_ns > 0.0, uncertainty_ns < _UNMEASURED_NS, locked), np.bool_)
+    state, stated = raw.integers("State")
+    tracked = np.where(uncertainty_ns > 0.0, uncertainty_ns < _UNMEASURED_NS, state & _LOCKED != 0)
+    return np.asarray(tracked & ~(stated & (state == 0)), np.bool_)
 
 
 def _named(raw: AndroidCells) -> tuple[list[str | None], list[AndroidSignal | None]]:

@@ -6,6 +6,7 @@ Android developer reference, ``android.location.GnssStatus`` (constellations, ra
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from insgnss.gnss.signals import (
     L2_HZ,
     L5_HZ,
     S_HZ,
+    signal_of,
 )
 from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER, SBAS_OFFSET
 
@@ -63,6 +65,7 @@ BANDS: Final = {
     ),
     "I": (Band(L5_HZ, "5", "A"), Band(S_HZ, "9", "A")),
 }
+_OFF_CHANNEL: Final = 0.25  # of a step; single precision is off by 0.0001
 _STEPS_HZ: Final = {"1": G1_STEP_HZ, "2": G2_STEP_HZ}
 
 
@@ -91,14 +94,16 @@ def satellite(constellation: int, svid: int) -> str | None:
 def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | None:
     """Return the signal of a carrier and code type, None when no band of the system is near.
 
-    Without a carrier frequency (before Android 8) it is the system's first band, without a code type the usual code.
+    Without a carrier frequency (before Android 8) it is the system's first band. Without a code type, or with one that
+    no open signal of the band has, it is the usual code: phones state Q for BeiDou's B2a, whose pilot RINEX calls P,
+    and A, a regulated service, for Galileo's E1.
     """
     bands = BANDS[system]
     if np.isnan(carrier_hz):
         band, channel = (bands[0], None)
     elif system == "R":
         band = bands[0] if carrier_hz > (G1_HZ + G2_HZ) / 2 else bands[1]
-        channel = round((carrier_hz - band.carrier_hz) / _STEPS_HZ[band.band])
+        channel = _channel((carrier_hz - band.carrier_hz) / _STEPS_HZ[band.band])
         if channel not in CHANNELS_IN_USE:
             return None
     else:
@@ -106,9 +111,16 @@ def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | No
         if abs(band.carrier_hz - carrier_hz) > _LARGEST_ERROR_HZ:
             return None
     letter = code_type.strip().upper()
-    letter = letter if len(letter) == 1 and letter.isalpha() and letter.isascii() else band.letter
+    if signal_of(system, f"C{band.band}{letter}") is None:
+        letter = band.letter
     carrier = band.carrier_hz + (_STEPS_HZ[band.band] * channel if channel is not None else 0.0)
     return AndroidSignal(f"C{band.band}{letter}", carrier, channel)
+
+
+def _channel(steps: float) -> int:
+    """Return the GLONASS channel; some phones state all carriers half a step low."""
+    nearest = round(steps)
+    return nearest if abs(steps - nearest) < _OFF_CHANNEL else math.floor(steps) + 1
 
 
 def on_channel(nominal: AndroidSignal, channel: int) -> AndroidSignal:

@@ -41,6 +41,7 @@ NOTICES: Final = frozenset(
         "csv_encoding",
         "csv_header_in_comment",
         "csv_lines_skipped",
+        "android_code_type",
         "android_lines_not_read",
         "android_range_not_used",
         "glonass_slot_found",
