@@ -50,6 +50,13 @@ _OTHER_BAGS: Final = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with 'rosbags-convert --src IN.bag --dst OUT --dst-storage mcap'",
     b"SQLite format 3\0": "a ROS 2 bag in SQLite (.db3): convert it to MCAP, with 'ros2 bag convert' or 'mcap convert'",
 }
+_PACKED: Final = {
+    b"BZh": "bzip2",
+    b"\xfd7zXZ": "xz",
+    b"7z\xbc\xaf": "7-Zip",
+    b"Rar!": "RAR",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
@@ -57,12 +64,14 @@ _RTCM_TRIES: Final = 2000
 _CONTROL: Final = bytes(c for c in (*range(32), 127) if c not in b"\t\n\r\f\x1b")
 # share of control characters in a text with a few damaged bytes; of random bytes 0.11
 _MOST_CONTROL: Final = 0.02
-_RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
+_RINEX_TYPE: Final = re.compile(r"^.{20}(.).*RINEX VERSION / TYPE", re.MULTILINE)
 _SP3: Final = re.compile(r"#[a-d][PV ][ 12]\d{3} [ \d]\d [ \d]\d")
 _NO_LOGS: Final = {"C": ("satellite clocks (RINEX clock)", "precise"), "M": ("weather data (RINEX)", "")}
 # a file of inertial data alone may lack both the lines of raw measurements and their header
 _ANDROID: Final = re.compile(
-    r"^(#\s*Raw\s*,.*TimeNanos|Raw,|#\s*(Uncal)?(Accel|Gyro)\s*,.*elapsedRealtimeNanos)", re.MULTILINE
+    r"^(#\s*Raw\s*,.*TimeNanos|Raw,|#\s*(Uncal)?(Accel|Gyro)\s*,.*elapsedRealtimeNanos"
+    r"|MessageType,.*elapsedRealtimeNanos,MeasurementX)",
+    re.MULTILINE,
 )
 
 
@@ -169,6 +178,9 @@ def _looks_like(data: bytes) -> str:
     for magic, bag in _OTHER_BAGS.items():
         if data.startswith(magic):
             return f"this looks like {bag}"
+    for magic, packing in _PACKED.items():
+        if data.startswith(magic):
+            return f"this is packed by {packing}: unpack it (gzip, zip and .Z are read as they are)"
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
         return "this begins like NMEA, but no sentence of it has a sound check sum"
     if data[:1] == _RTCM_PREAMBLE:

@@ -161,5 +161,5 @@ _READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], Receive
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
     "ulog": lambda paths, declared: read_ulog(_alone("ulog", paths), declared.topics),
     "mcap": lambda paths, declared: read_rosbag(_alone("mcap", paths), declared.topics, declared.rtcm),
-    "android": lambda paths, _: read_android(_alone("android", paths)),
+    "android": lambda paths, _: read_android(*paths),
 }

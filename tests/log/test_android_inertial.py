@@ -14,7 +14,14 @@ from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.imu.csv_log import inertial, read_imu
-from tests.log.android_generator import BOOT_FULL_BIAS_NS, ELAPSED_MINUS_TIME_NS, HEADER, epoch, sensor
+from tests.log.android_generator import (
+    BOOT_FULL_BIAS_NS,
+    COLUMNS,
+    ELAPSED_MINUS_TIME_NS,
+    HEADER,
+    epoch,
+    sensor,
+)
 from tests.log.test_android import GPS_5, T
 
 START = T + ELAPSED_MINUS_TIME_NS
@@ -118,3 +125,53 @@ def test_samples_alone_become_a_flight_file_that_says_what_is_missing(tmp_path: 
     flight = Flight.load(tmp_path / "out" / "flight.toml")
     imu, _ = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)
     assert len(imu.t_ns) == 300 and np.allclose(imu.f_b, (0.0, 0.0, -9.8))
+
+
+# ------------------------------------------------------------------------------------------- tables made of one log
+
+COMMON = "MessageType,utcTimeMillis,elapsedRealtimeNanos,MeasurementX,MeasurementY,MeasurementZ,BiasX,BiasY,BiasZ\n"
+DRIFT = (0.01, -0.02, 0.03)
+
+
+def table_of_sensors(folder: Path) -> Path:
+    lines = [COMMON]
+    for k in range(300):
+        lines += [
+            sensor("UncalGyro", START + k * 10_000_000, (0.11, 0.18, 0.33), DRIFT),
+            sensor("UncalAccel", START + k * 10_000_000, (0.1, 0.2, 9.8)),
+            sensor("UncalMag", START + k * 10_000_000, (20.0, 5.0, -40.0)),
+        ]
+    path = folder / "device_imu.csv"
+    path.write_text("".join(lines))
+    return path
+
+
+def table_of_measurements(folder: Path) -> Path:
+    path = folder / "device_gnss.csv"
+    rows = epoch(T, [GPS_5]) + epoch(T + 10**9, [GPS_5])
+    path.write_text(f"MessageType,{COLUMNS}\n{rows}")
+    return path
+
+
+def test_table_with_the_same_columns_for_all_sensors_is_read(tmp_path: Path) -> None:
+    path = table_of_sensors(tmp_path)
+    assert detect_format(path) == "android"
+    log = read_android(path)
+    assert log.imu is not None and len(log.imu.t_ns) == 300
+    assert log.imu.f_b[0].tolist() == pytest.approx([0.1, 0.2, 9.8])
+    assert log.imu.w_ib_b[0].tolist() == pytest.approx([0.1, 0.2, 0.3])
+    assert [one.values[0].tolist() for one in log.further] == [[20.0, 5.0, -40.0]]
+
+
+def test_tables_of_one_log_share_the_clock_of_its_measurements(tmp_path: Path) -> None:
+    done = convert([table_of_sensors(tmp_path), table_of_measurements(tmp_path)], tmp_path / "out")
+    assert len(done.log.gnss.t_ns) == 2 and done.log.imu is not None
+    assert abs(done.log.imu.t_ns[0] - (T - BOOT_FULL_BIAS_NS)) < 1000  # UTC would be off by the milliseconds
+    assert not [event for event in done.events if event.kind.startswith("imu_time")]
+
+
+def test_two_logs_in_one_call_are_refused_with_the_file_named(tmp_path: Path) -> None:
+    one, other = table_of_measurements(tmp_path), written(tmp_path, HEADER + epoch(T, [GPS_5]))
+    with pytest.raises(InputError, match="with Raw lines in more than one") as found:
+        read_android(one, other)
+    assert found.value.file == str(other) and "one by one" in found.value.advice

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -21,8 +22,8 @@ _FLAT: Final = ("+y", "+x", "-z")
 _NEEDED: Final = ("FullBiasNanos", "Svid", "ReceivedSvTimeNanos")
 
 
-def read_android(path: Path) -> ReceiverLog:
-    """Read an Android GnssLogger file, or a table of its "Raw" lines (plain or gzipped).
+def read_android(*paths: Path) -> ReceiverLog:
+    """Read an Android GnssLogger file, or tables made of one (plain or gzipped): of "Raw" lines, of sensors.
 
     The inertial table has a row for each gyro sample, the specific force interpolated to it, in the phone's axes (x
     right, y to the top, z out of the screen); magnetic field and pressure are the log's further samples. Lines of other
@@ -33,9 +34,11 @@ def read_android(path: Path) -> ReceiverLog:
 
     Raises
     ------
-    InputError : "Raw" lines without their header, or neither a measurement nor an inertial sample that can be used
+    InputError : "Raw" lines without their header, two files that hold lines of the same kind, or neither a
+        measurement nor an inertial sample that can be used
     """
-    kinds = lines_by_kind(file_text(path))
+    path = paths[0]
+    kinds = _of_one_phone(paths)
     lines = kinds.get("Raw", AndroidLines())
     columns = set(map(str.lower, lines.columns))
     if lines.texts and "timenanos" not in columns:
@@ -74,6 +77,24 @@ def read_android(path: Path) -> ReceiverLog:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
         more_events.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
     more_events += refused_lines("Fix", fix_cells)
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events]
+    files = ", ".join(map(str, paths))
+    named = [Event(e.t_ns, e.kind, f"{files}: {e.detail}") for e in events + more_events]
     navigation = coefficients(raw)
     return ReceiverLog(gnss, navigation, imu, named, fixes(fix_cells), imu_axes=_FLAT, further=tuple(samples))
+
+
+def _of_one_phone(paths: Sequence[Path]) -> dict[str, AndroidLines]:
+    """Return the lines of all files by kind."""
+    kinds: dict[str, AndroidLines] = {}
+    for path in paths:
+        for kind, lines in lines_by_kind(file_text(path)).items():
+            if lines.texts and kinds.get(kind, AndroidLines()).texts:
+                raise InputError(
+                    f"{len(paths)} files of the format Android GnssLogger, with {kind} lines in more than one",
+                    file=path,
+                    advice="convert logs one by one, each into a folder of its own; in one call only tables of one"
+                    " log, such as device_gnss.csv and device_imu.csv",
+                )
+            if lines.texts or kind not in kinds:
+                kinds[kind] = lines
+    return kinds

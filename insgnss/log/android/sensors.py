@@ -33,6 +33,9 @@ _ANGULAR_RATE: Final = (
 )
 # what the phone itself takes for the drift of its raw gyros; it changes in steps, which the raw rates do not have
 _DRIFT: Final = ("DriftXRadPerSec", "DriftYRadPerSec", "DriftZRadPerSec")
+# In tables that hold all sensors in the same columns, a cell for each axis
+_COMMON: Final = ("MeasurementX", "MeasurementY", "MeasurementZ")
+_COMMON_DRIFT: Final = ("BiasX", "BiasY", "BiasZ")
 INERTIAL_KINDS: Final = frozenset(kind for kind, _ in _ACCELERATION + _ANGULAR_RATE)
 # The calibrated field steps where the phone changes its own estimate of the hard iron; the raw one does not
 _FIELD: Final = (
@@ -103,7 +106,7 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
         table = cells(kinds.get(kind, AndroidLines()))
         events += refused_lines(kind, table)
         t_ns, timed = clock.times(table)
-        values = _vectors(table, axes)
+        values = _vectors(table, axes, _COMMON)
         if kind == "UncalGyro":
             values, drift_events = _without_drift(table, values)
             events += drift_events
@@ -117,7 +120,7 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
 
 def _without_drift(table: AndroidCells, rates: Float64) -> tuple[Float64, list[Event]]:
     """Return the rates (n, 3) without the phone's own estimate of their drift [rad/s], and an event of it."""
-    stated = _vectors(table, _DRIFT)
+    stated = _vectors(table, _DRIFT, _COMMON_DRIFT)
     stated = stated[np.isfinite(stated).all(axis=1)]
     drift = np.median(stated, axis=0) if len(stated) else np.zeros(3)
     if not 0.0 < np.abs(drift).max() < LARGEST_BIAS_RADPS:
@@ -144,7 +147,7 @@ def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[Fur
         table = cells(kinds[kind])
         events += refused_lines(kind, table)
         t_ns, timed = clock.times(table)
-        samples, more_events = further_samples(of, kind, t_ns, _vectors(table, columns), timed)
+        samples, more_events = further_samples(of, kind, t_ns, _vectors(table, columns, _COMMON), timed)
         tables += samples
         events += more_events
     return tables, events
@@ -152,14 +155,16 @@ def further(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[list[Fur
 
 def _has(kinds: dict[str, AndroidLines], kind: str, columns: tuple[str, ...]) -> bool:
     lines = kinds.get(kind, AndroidLines())
-    return bool(lines.texts) and set(map(str.lower, columns)) <= set(map(str.lower, lines.columns))
+    named = set(map(str.lower, lines.columns))
+    return bool(lines.texts) and any(set(map(str.lower, names)) <= named for names in (columns, _COMMON))
 
 
-def _vectors(table: AndroidCells, columns: tuple[str, ...]) -> Float64:
-    """Return (n, k) numbers, without a row where the file has no such lines."""
+def _vectors(table: AndroidCells, columns: tuple[str, ...], common: tuple[str, ...]) -> Float64:
+    """Return (n, k) numbers of the kind's own columns, else of the common ones; no row where there are no lines."""
     if not table.n:
         return np.zeros((0, len(columns)))
-    return np.stack([table.decimals(name) for name in columns], axis=1)
+    own = len(columns) != len(common) or any(map(table.has, columns)) or not all(map(table.has, common))
+    return np.stack([table.decimals(name) for name in (columns if own else common)], axis=1)
 
 
 def _times_of_fixes(fixes: AndroidCells) -> tuple[Int64, Int64, Bool]:
