@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from insgnss.errors import InputError
+from insgnss.log.detect import detect_format
 from insgnss.log.rinex.observations import read_rinex_obs
 from tests.log.test_rinex_observations import HEADER, epoch, rows, write
 
@@ -59,3 +60,27 @@ def test_glonass_channels_are_read_in_any_columns(tmp_path: Path, body: str, unr
     told = [event.detail.partition("log.rnx:")[2] for event in events if event.kind == "rinex_header_mended"]
     assert told == ([f"{k}: GLONASS SLOT / FRQ #: left out: {unread}" for k in (4, 12)] if unread else [])
     assert "rinex_record_skipped" not in [event.kind for event in events]
+
+
+def test_first_label_out_of_its_column_is_moved(tmp_path: Path) -> None:
+    sound, _ = read_rinex_obs([write(tmp_path, HEADER + epoch())])
+    path = write(tmp_path, HEADER.replace("M: MIXED            ", "M (Mixed)       ", 1) + epoch())
+    assert detect_format(path) == "rinex_observation"
+    table, events = read_rinex_obs([path])
+    assert str(rows(table)) == str(rows(sound))
+    assert [event.detail.partition("log.rnx:")[2] for event in events] == [
+        "1: RINEX VERSION / TYPE: moved from column 56 to 60"
+    ]
+
+
+@pytest.mark.parametrize(("writer", "code"), [("GnssLogger", "C5P"), ("Trimble", "C7Q")])
+def test_beidou_signal_that_a_phone_calls_7q_is_b2a(tmp_path: Path, writer: str, code: str) -> None:
+    maker = f"Unknown             {writer:<20}v3".ljust(60) + "REC # / TYPE / VERS\n"
+    types = "C    4 C2I D2I C7Q D7Q".ljust(60) + "SYS / # / OBS TYPES\nE    2 C7Q D7Q".ljust(60)
+    header = HEADER.replace("E    2 C1X D1X".ljust(60), types).replace(FIRST, maker + FIRST)
+    cells = "".join(f"{value:14.3f}  " for value in (22e6, 1561.098, 22e6, 1176.45))
+    body = f"> 2023 06 29 11 11 43.0000000  0 2\nC19{cells}\nE11{cells[:32]}\n"
+    table, events = read_rinex_obs([write(tmp_path, header + body)])
+    found = {(sv, signal): values[1] for (_, sv, signal), values in rows(table).items()}
+    assert found == {("C19", "C2I"): 1561.098, ("C19", code): 1176.45, ("E11", "C7Q"): 1561.098}
+    assert len(events) == (writer == "GnssLogger")

@@ -6,15 +6,16 @@ import re
 from collections.abc import Callable
 from typing import Any, Final
 
-from insgnss.log.rinex.text import LABEL_COLUMN
+from insgnss.log.rinex.text import FIRST_LABEL, LABEL_COLUMN
 from insgnss.tables import Event
 
 _QUOTED: Final = re.compile(r'in "(.*)"\s*$', re.DOTALL)  # the reader's error quotes the line
+_TYPES: Final = "SYS / # / OBS TYPES"
 # What the epochs cannot be read, dated or scaled without
 _NEEDED: Final = (
-    "RINEX VERSION / TYPE",
+    FIRST_LABEL,
     "# / TYPES OF OBSERV",
-    "SYS / # / OBS TYPES",
+    _TYPES,
     "SYS / SCALE FACTOR",
     "END OF HEADER",
 )
@@ -24,6 +25,8 @@ _SLOTS: Final = "GLONASS SLOT / FRQ #"
 # RINEX 3.05, table A2: I3, 8(1X, A1, I2.2, 1X, I2); Android's GnssLogger writes the first line one column short
 _SLOT: Final = re.compile(r"R([ \d]\d) *([-+]?\d{1,2})(?!\d)")
 _COMMENT: Final = f"{'':{LABEL_COLUMN}}COMMENT"  # in a line's place, it keeps the numbers of the lines
+_PHONES: Final = "GnssLogger"  # the application, in the line of the marker and in that of the receiver
+_BEIDOU_7Q: Final = re.compile(rf"^C (?=.*\b[CLDS]7Q\b).*{_TYPES}", re.MULTILINE)
 _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z]{3})")
 
 
@@ -55,6 +58,31 @@ def mended_header(
         )
         text = text[:start] + (written or _COMMENT) + text[stop:]
     return text, events
+
+
+def with_first_label(text: str, path: str) -> tuple[str, list[Event]]:
+    """Return a text whose first label stands in its column, and an event if it had to be moved."""
+    line, _, rest = text.partition("\n")
+    at = line.find(FIRST_LABEL)
+    if at < 0 or at == LABEL_COLUMN or len(line[:at].rstrip()) > LABEL_COLUMN:
+        return text, []
+    moved = f"{line[:at].rstrip():{LABEL_COLUMN}}{FIRST_LABEL}"
+    return f"{moved}\n{rest}", [_mended(path, 1, FIRST_LABEL, f"moved from column {at} to {LABEL_COLUMN}")]
+
+
+def phone_codes(text: str, path: str) -> tuple[str, list[Event]]:
+    """Return a text in which BeiDou's B2a is called 5P, and an event if it was called 7Q, as Android's GnssLogger does.
+
+    7Q is B2I at 1207.14 MHz; in the application's files the Doppler of 7Q is 0.7536 of that of 2I, as 1176.45 MHz is.
+    """
+    end = text.find(_END)
+    line = _BEIDOU_7Q.search(text, 0, max(end, 0))
+    if line is None or _PHONES not in text[:end]:
+        return text, []
+    renamed = re.sub(r"\b([CLDS])7Q\b", r"\g<1>5P", line[0])
+    what = "BeiDou's 7Q read as 5P: GnssLogger calls B2a (1176.45 MHz) so"
+    event = _mended(path, text.count("\n", 0, line.start()) + 1, _TYPES, what)
+    return text[: line.start()] + renamed + text[line.end() :], [event]
 
 
 def slot_channels(text: str, path: str) -> tuple[str, dict[str, int], list[Event]]:

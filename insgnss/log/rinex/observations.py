@@ -25,7 +25,13 @@ from insgnss.log.rinex.damage import (
     parse_around_damage,
 )
 from insgnss.log.rinex.hatanaka import sound_start
-from insgnss.log.rinex.header import mended_header, slot_channels, without_skipped_lines
+from insgnss.log.rinex.header import (
+    mended_header,
+    phone_codes,
+    slot_channels,
+    with_first_label,
+    without_skipped_lines,
+)
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
 from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, split_epochs
@@ -85,7 +91,11 @@ def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable
     text, events = _observation_text(file)
     text, more_events = observations_without_tabs(text, path)
     events += more_events
+    text, more_events = with_first_label(text, path)
+    events += more_events
     text, channels, more_events = slot_channels(text, path)
+    events += more_events
+    text, more_events = phone_codes(text, path)
     events += more_events
     text, more_events = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
     events += more_events
