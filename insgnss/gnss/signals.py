@@ -12,6 +12,7 @@ channel.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -214,6 +215,11 @@ def reason_unsupported(system: str, code: str) -> str:
 def is_rinex_code(system: str, code: str) -> bool:
     """Return whether RINEX names a signal of a system so, supported or not."""
     return (system, code) in _BY_CODE or (system, code) in _REASONS
+
+
+def codes_in_band(system: str, code: str) -> tuple[str, ...]:
+    """Return the codes of a system's signals in the RINEX band of a code ("C5Q"); empty where it has none there."""
+    return tuple(other for of, other in _BY_CODE if of == system and re.fullmatch(f"C{other[1]}[A-Z]", code))
 
 
 def carrier_hz(system: str, code: str, channel: int | None = None) -> float:

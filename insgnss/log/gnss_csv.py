@@ -17,7 +17,7 @@ from insgnss.config.flight import Gnss, GnssColumns
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
-from insgnss.gnss.signals import is_rinex_code
+from insgnss.gnss.signals import codes_in_band, is_rinex_code
 from insgnss.gnss.table_joining import joined
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns, TextColumn, missing_column
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
@@ -294,34 +294,39 @@ def _unknown_signals(
     pairs, first, count = np.unique(
         sv[rows].astype(np.int64) * len(text.words) + text.codes[rows], return_index=True, return_counts=True
     )
-    unknown: dict[str, tuple[int, int]] = {}  # by the word as written: rows, and the first of them
+    unknown: dict[
+        tuple[str, str], tuple[int, int]
+    ] = {}  # by word as written and system: rows, the first of them
     for pair, row, n in zip(pairs.tolist(), rows[first].tolist(), count.tolist(), strict=True):
         satellite, word = divmod(pair, len(text.words))
         written = text.words[word]
-        if written and not is_rinex_code(sv_names[satellite][0], _code(written, config.signal_codes)):
-            before, earliest = unknown.get(written, (0, row))
-            unknown[written] = before + n, min(earliest, row)
+        system = sv_names[satellite][0]
+        if written and not is_rinex_code(system, _code(written, config.signal_codes)):
+            before, earliest = unknown.get((written, system), (0, row))
+            unknown[written, system] = before + n, min(earliest, row)
     if not unknown:
         return []
     if sum(n for n, _ in unknown.values()) == len(rows):
-        word, (_, row) = min(unknown.items(), key=lambda item: item[1][1])
+        (word, system), (_, row) = min(unknown.items(), key=lambda item: item[1][1])
         line = int(table.line[row])
-        raise ColumnError(
-            f"unknown signal '{word}'", file=path, line=line, column=column, advice=_signal_advice(word)
-        )
+        advice = _signal_advice(word, system)
+        raise ColumnError(f"unknown signal '{word}'", file=path, line=line, column=column, advice=advice)
     return [
         Event(
             None,
             "unknown_signal",
-            f"{path}: unknown signal '{word}' in {n} row(s), not used: {_signal_advice(word)}",
+            f"{path}: unknown signal '{word}' in {n} row(s) of system {system}, not used:"
+            f" {_signal_advice(word, system)}",
         )
-        for word, (n, _) in unknown.items()
+        for (word, system), (n, _) in unknown.items()
     ]
 
 
-def _signal_advice(word: str) -> str:
+def _signal_advice(word: str, system: str) -> str:
     key = f"gnss.signal_codes = {{ {toml_key(word)} = '...' }}"
-    return f"{_WRITE_CODES}, or give this name's code in the flight file: {key}"
+    in_band = " or ".join(codes_in_band(system, word))
+    codes = f"system {system} has {in_band} in this band" if in_band else _WRITE_CODES
+    return f"{codes}; correct the rows, or give this name's code in the flight file: {key}"
 
 
 def _code(word: str, declared: Mapping[str, str]) -> str:

@@ -40,6 +40,7 @@ _CLOCK: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})(?:\.([0-9]{0,9}))?")
 _ADDRESS: Final = 5  # letters: two of the talker, three of the sentence
 # qualities of GGA that satellites gave: others are dead reckoning, typed in, a simulator's, or nothing
 _FIXES: Final = frozenset("123459")
+_NO_FIXES: Final = {"6": "dead reckoning", "7": "typed in", "8": "simulated"}
 _SLOW_MPS: Final = 0.1  # a receiver that states no direction below it stands
 _MOST_MPS: Final = 1e4  # faster than an orbit
 
@@ -65,6 +66,7 @@ class _Sentences:
     damaged: int = 0
     unchecked: int = 0  # read without a check sum
     without_fix: int = 0
+    no_fixes: Counter[str] = field(default_factory=Counter)  # by the quality that GGA states, of those above
 
 
 def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog:
@@ -86,10 +88,16 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
         _add_file(file_buffer(path).to_pybytes(), sentences)
     fixes = [epoch for epoch in sentences.epochs if epoch.place is not None]
     if len(fixes) < 2:
+        others = ", ".join(f"{n} GGA state a place that is {what}" for what, n in sentences.no_fixes.items())
+        advice = "log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements"
+        if others:
+            advice = (
+                "if satellites gave these places, as in the output of a program, write quality 1 into GGA"
+            )
         raise InputError(
-            "the NMEA file holds fewer than two GNSS fixes",
+            f"the NMEA file holds fewer than two GNSS fixes{': ' if others else ''}{others}",
             file=paths[0],
-            advice="log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements",
+            advice=advice,
         )
     t_ns = _gps_times(sentences.epochs, date, paths[0])[
         [epoch.place is not None for epoch in sentences.epochs]
@@ -162,8 +170,9 @@ def _add_file(data: bytes, sentences: _Sentences) -> None:
                 epoch = _NmeaEpoch(time_ns)
                 sentences.epochs.append(epoch)
             _READERS[kind](epoch, cells)
-        except _NoFixError:
+        except _NoFixError as error:
             sentences.without_fix += 1
+            sentences.no_fixes.update(error.args)
         except (ValueError, IndexError):
             sentences.damaged += 1
     sentences.damaged += max(len(_BEGUN.findall(data)) - whole, 0)
@@ -175,7 +184,7 @@ class _NoFixError(Exception):
 
 def _gga(epoch: _NmeaEpoch, cells: list[str]) -> None:
     if cells[5] not in _FIXES:
-        raise _NoFixError
+        raise _NoFixError(*filter(None, [_NO_FIXES.get(cells[5])]))
     lat, lon = _angle(cells[1], cells[2], "NS", 90.0), _angle(cells[3], cells[4], "EW", 180.0)
     height, geoid = float(cells[8]), float(cells[10]) if cells[10] else math.nan
     if not abs(height) < 1e7 or abs(geoid) > 1e3:

@@ -144,7 +144,8 @@ def test_log_whose_signals_all_have_unknown_names_is_an_error(tmp_path: Path, wr
         ColumnError, match=f"gnss.csv:2, column 'signal': unknown signal '{written}'"
     ) as caught:
         read(tmp_path, [line.replace("C1C", written) for line in gnss_lines()])
-    assert "write RINEX codes such as C1C" in caught.value.advice
+    told = "system G has C2L or C2X" if written == "C2I" else "write RINEX codes such as C1C"
+    assert told in caught.value.advice
     assert "gnss.signal_codes = { " in caught.value.advice
 
 
@@ -183,6 +184,20 @@ def test_unknown_signal_of_some_rows_is_an_event_and_stays_for_the_ledger(tmp_pa
     assert len(table.t_ns) == len(lines) and table.signal_names[table.signal[0]] == "L1 C/A"
     assert [event.kind for event in events] == ["unknown_signal"]
     assert "unknown signal 'L1 C/A' in 2 row(s)" in events[0].detail
+
+
+def test_code_that_another_system_alone_has_is_told_with_the_codes_of_the_band(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    sv = lines[0].split(",")[1]
+    lines = [line.replace(sv, f"C{sv[1:]}").replace("C1C", "C5Q") if sv in line else line for line in lines]
+    path = write_lines(tmp_path / "gnss.csv", [GNSS_HEADER, *lines])
+    _, events = read_gnss(gnss_config(path), WEEK)
+    (event,) = (event for event in events if event.kind == "unknown_signal")
+    count = sum(sv in line for line in gnss_lines())
+    assert (
+        f"'C5Q' in {count} row(s) of system C, not used: system C has C5P or C5X or C5D in this"
+        in event.detail
+    )
 
 
 def test_empty_signal_cells_are_assumed(tmp_path: Path) -> None:

@@ -204,6 +204,13 @@ def test_date_is_declared_where_no_sentence_states_it(tmp_path: Path) -> None:
         read(tmp_path, rmc(), gga())
 
 
+def test_places_that_no_satellites_gave_are_named_in_the_error(tmp_path: Path) -> None:
+    texts = [rmc(), gga(), *(gga(f"12000{k}.00", quality="7") for k in range(1, 4)), gga(quality="0")]
+    with pytest.raises(InputError, match="3 GGA state a place that is typed in") as caught:
+        read(tmp_path, *texts)
+    assert "write quality 1 into GGA" in caught.value.advice
+
+
 def test_height_of_the_geoid_that_is_not_stated_is_that_of_the_model(tmp_path: Path) -> None:
     log = read(tmp_path, rmc(), gga(geoid=""), gga("120001.00"))
     assert log.solution is not None
