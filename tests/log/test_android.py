@@ -441,6 +441,37 @@ def test_log_without_carrier_frequencies_is_the_first_band(tmp_path: Path) -> No
     assert set(found.signal_names) == {"C1C", "C2I", "C5A"} and found.glonass_channels == {}
 
 
+def test_log_of_signals_that_the_phone_searched_for_alone_is_refused(tmp_path: Path) -> None:
+    nothing = [dataclasses.replace(GPS_5, svid=k, state=0, rate_mps=0.0) for k in (1, 2)]
+    with pytest.raises(InputError, match="that the phone was searching for") as found:
+        read(tmp_path, epoch(T, nothing))
+    assert "until the phone has a fix" in found.value.advice
+    gravity = [
+        sensor(kind, T + ELAPSED_MINUS_TIME_NS, (0.0, 0.0, 9.8)) for kind in ("UncalGyro", "UncalAccel")
+    ]
+    log = read(tmp_path, epoch(T, nothing), *gravity)
+    assert not len(log.gnss.t_ns) and log.imu is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "reference"), [("UtcTimeInMs", True), ("(UTC)TimeInMs", True), ("When", False)]
+)
+def test_fixes_of_older_versions_have_another_name_of_the_time(
+    tmp_path: Path, name: str, reference: bool
+) -> None:
+    header = HEADER.replace(
+        "AltitudeMeters\n", f"AltitudeMeters,SpeedMps,AccuracyMeters,bearingDegrees,{name}\n"
+    )
+    utc_ms = (T - BOOT_FULL_BIAS_NS) // 10**6 + 315_964_800_000 - 18_000
+    lines = [f"Fix,GPS,47.5,8.25,400.0,2.0,3.02,90.0,{utc_ms + 1000 * k}\n" for k in range(3)]
+    log = read(tmp_path, epoch(T, [GPS_5]), *lines, header=header)
+    assert (log.solution is not None) == reference
+    events = [e.detail for e in log.events if e.kind == "android_fixes_not_used"]
+    assert [text.split(":")[1][:29] for text in events] == (
+        [] if reference else [" 3 Fix line(s) give no refere"]
+    )
+
+
 def test_fixes_become_a_reference_with_sigmas(tmp_path: Path) -> None:
     header = HEADER.replace(
         "AltitudeMeters\n",

@@ -13,10 +13,11 @@ import numpy as np
 
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.own_solution import distinct_rows, on_earth, own_reference
-from insgnss.tables import Float64, Int64, ReferenceTable
+from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 # the receiver alone before what networks helped with
 _PROVIDERS: Final = ("gps", "flp", "fused", "nlp", "network")
+TIMES: Final = ("UnixTimeMillis", "(UTC)TimeInMs", "UtcTimeInMs")  # names of the column, newest version first
 _RADIUS_68: Final = 1.51  # of a round normal distribution, in sigmas of one axis
 
 
@@ -25,7 +26,7 @@ def fixes(lines: AndroidCells) -> ReferenceTable | None:
 
     Velocity is level: the log has no vertical one.
     """
-    name = next((name for name in ("UnixTimeMillis", "(UTC)TimeInMs") if lines.has(name)), "UnixTimeMillis")
+    name = next((name for name in TIMES if lines.has(name)), TIMES[0])
     t_ns, timed = lines.gps_times(name)
     names = (
         ("LatitudeDegrees", "Latitude"),
@@ -58,3 +59,13 @@ def _sigmas(lines: AndroidCells, rows: Int64) -> Float64:
     unknown = np.full(len(rows), np.nan)
     upright = lines.decimals("VerticalAccuracyMeters")[rows]
     return np.column_stack([level, level, upright, speed, speed, *[unknown] * 4])
+
+
+def unused_fixes(lines: AndroidCells, solution: ReferenceTable | None) -> list[Event]:
+    """Return an event of a log's "Fix" lines if they give no solution, none where there are none."""
+    if solution is not None or not lines.n:
+        return []
+    needs = f"two with a place, a time ({', '.join(TIMES)}) and a provider ({', '.join(_PROVIDERS)})"
+    return [
+        Event(None, "android_fixes_not_used", f"{lines.n} Fix line(s) give no reference, which needs {needs}")
+    ]

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from insgnss.errors import InputError
 from insgnss.log.android.coefficients import coefficients
-from insgnss.log.android.fixes import fixes
+from insgnss.log.android.fixes import fixes, unused_fixes
 from insgnss.log.android.lines import AndroidLines, cells, lines_by_kind, refused_lines
 from insgnss.log.android.measurements import measurements
 from insgnss.log.android.sensors import INERTIAL_KINDS, PhoneClock, further, inertial
 from insgnss.log.files import file_text
-from insgnss.log.receiver import ReceiverLog
-from insgnss.tables import Event
+from insgnss.log.receiver import ReceiverLog, no_measurements
+from insgnss.tables import Event, GnssTable
 
 # Forward, right, down of a phone that lies flat, its top ahead: its axes are x right, y to the top, z out of the screen
 _FLAT: Final = ("+y", "+x", "-z")
@@ -59,16 +61,10 @@ def read_android(*paths: Path) -> ReceiverLog:
     fix_cells = cells(kinds.get("Fix", AndroidLines()))
     clock = PhoneClock(raw, receiver, fix_cells)
     imu, more_events = inertial(kinds, clock)
+    searched = bool(len(gnss.t_ns)) and not _holds_numbers(gnss)
+    gnss = no_measurements() if searched else gnss
     if not len(gnss.t_ns) and imu is None:
-        reasons = [event for event in events + more_events if event.kind != "receiver_clock_discontinuity"]
-        why = "; ".join(event.detail for event in reasons)
-        raise InputError(
-            f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
-            file=path,
-            advice="convert the log as the phone wrote it"
-            if lines.texts
-            else "switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger",
-        )
+        raise _nothing_used(path, events + more_events, lines, searched)
     samples, of_samples = further(kinds, clock)
     more_events += of_samples
     read = {"Raw", "Fix", *INERTIAL_KINDS, *(one.source for one in samples)}
@@ -76,11 +72,34 @@ def read_android(*paths: Path) -> ReceiverLog:
     if other:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
         more_events.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
-    more_events += refused_lines("Fix", fix_cells)
+    solution = fixes(fix_cells)
+    more_events += refused_lines("Fix", fix_cells) + unused_fixes(fix_cells, solution)
     files = ", ".join(map(str, paths))
     named = [Event(e.t_ns, e.kind, f"{files}: {e.detail}") for e in events + more_events]
     navigation = coefficients(raw)
-    return ReceiverLog(gnss, navigation, imu, named, fixes(fix_cells), imu_axes=_FLAT, further=tuple(samples))
+    return ReceiverLog(gnss, navigation, imu, named, solution, imu_axes=_FLAT, further=tuple(samples))
+
+
+def _holds_numbers(gnss: GnssTable) -> bool:
+    """Return whether a row has a pseudorange or a range rate."""
+    return any(
+        np.isfinite(values).any() for values in (gnss.pseudorange_m, gnss.doppler_hz, gnss.range_rate_mps)
+    )
+
+
+def _nothing_used(path: Path, events: Sequence[Event], lines: AndroidLines, searched: bool) -> InputError:
+    """Return the error of a log without a measurement and an inertial sample."""
+    why = "; ".join(event.detail for event in events if event.kind != "receiver_clock_discontinuity")
+    advice = "switch on 'Raw measurements', and 'Sensors' for inertial samples, in GnssLogger"
+    if lines.texts:
+        advice = "convert the log as the phone wrote it"
+    if searched:
+        advice = "log under the open sky until the phone has a fix"
+    return InputError(
+        f"no measurement and no inertial sample that can be used{': ' + why if why else ''}",
+        file=path,
+        advice=advice,
+    )
 
 
 def _of_one_phone(paths: Sequence[Path]) -> dict[str, AndroidLines]:
