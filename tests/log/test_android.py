@@ -251,6 +251,35 @@ def test_line_of_state_0_is_no_measurement_whatever_its_uncertainties(tmp_path: 
     assert "1 signal(s) that the phone was searching for" in log.events[0].detail
 
 
+@pytest.mark.parametrize(
+    ("state", "period_ns"), [(0x1 | 0x10, 10**6), (0x1 | 0x2, 20 * 10**6), (0x1 | 0x8 | 0x10, 10**6)]
+)
+@pytest.mark.parametrize("seconds", [1, 50])
+def test_whole_milliseconds_are_those_of_another_epoch_of_the_satellite(
+    tmp_path: Path, state: int, period_ns: int, seconds: int
+) -> None:
+    """The range changes by 0.9 km/s meanwhile: the sum of a satellite's, a phone's and its clock's rate."""
+    after = T + seconds * 10**9
+    early = dataclasses.replace(GPS_5, travel_ns=70_123_456 - seconds * 3000, state=state)
+    stated = sent_ns(early, T - BOOT_FULL_BIAS_NS, 18)
+    first = epoch(T, [early]).replace(f",{stated},", f",{stated % period_ns},")
+    log = read(tmp_path, first, epoch(after, [GPS_5]))
+    travel_ns = log.gnss.pseudorange_m / C_MPS * 1e9
+    assert (
+        travel_ns.tolist() == pytest.approx([early.travel_ns, GPS_5.travel_ns], abs=1e-3) and log.events == []
+    )
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(70, 0), (1, 1)])
+def test_epochs_that_are_far_or_of_another_clock_do_not_tell_the_milliseconds(
+    tmp_path: Path, seconds: int, count: int
+) -> None:
+    early = dataclasses.replace(GPS_5, state=0x1 | 0x10)
+    log = read(tmp_path, epoch(T, [early]), epoch(T + seconds * 10**9, [GPS_5], count=count))
+    assert np.isnan(log.gnss.pseudorange_m).tolist() == [True, False]
+    assert "ambiguous" in " ".join(event.detail for event in log.events)
+
+
 def test_signals_that_the_phone_searches_for_keep_their_cn0_alone(tmp_path: Path) -> None:
     searched = dataclasses.replace(GPS_5, state=0x4000, sent_uncertainty_ns=1e9, rate_uncertainty_mps=C_MPS)
     tracked = dataclasses.replace(GPS_5, svid=7, sent_uncertainty_ns=20.0, rate_uncertainty_mps=0.3)

@@ -3,7 +3,8 @@
 Pseudorange = (t_receiver - t_satellite) c, with the time of reception by ``insgnss.log.android.clock`` and the time of
 transmission ReceivedSvTimeNanos, counted in the system's own week (GPS, QZSS, Galileo, NavIC, SBAS; BeiDou 14 s behind)
 or day (GLONASS: UTC + 3 h). A receiver that has not decoded the time yet counts in what it has found of the signal, a
-subframe, string, page or secondary code: enough where that is longer than a travel time.
+subframe, string, page or secondary code: enough where that is longer than a travel time. With the code alone, whole
+milliseconds are missing; other epochs of the satellite tell them.
 [European GNSS Agency, "Using GNSS raw measurements on Android devices", 2017, 2.4; Android developer reference,
 GnssClock and GnssMeasurement]
 
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_DAY, NS_PER_MS, NS_PER_S, NS_PER_WEEK
 from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
+from insgnss.log.android.ambiguous import whole_milliseconds
 from insgnss.log.android.clock import ReceiverClock, corrected_by_satellites, receiver_clock
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
@@ -197,7 +199,18 @@ def _travel_times(
     clock, moved_ns = corrected_by_satellites(
         clock, signed.astype(np.float64), known & whole & clock.known & _measured(raw)
     )
-    travel = np.mod(elapsed_ns + moved_ns, period)
+    travel = np.mod(elapsed_ns + moved_ns, period).astype(np.float64)
+    sound = known & clock.known & _measured(raw) & (travel > SHORTEST_NS) & (travel < LONGEST_NS)
+    locked = raw.integers("State")[0] & _LOCKED != 0
+    travel, completed = whole_milliseconds(
+        clock,
+        np.array(names, "U3"),
+        elapsed_ns + moved_ns,
+        travel,
+        sound,
+        readable & ~known & locked & clock.known & _measured(raw),
+    )
+    known = known | completed
     offset_ns = np.nan_to_num(raw.decimals("TimeOffsetNanos"))
     rate = np.nan_to_num(_rates(raw))
     # a measurement taken later than its epoch's tag is brought back to the tag with its rate
