@@ -75,6 +75,8 @@ def _most_drifting(measurements: pd.DataFrame) -> tuple[int, int]:
 
     Spans overlap by half.
     """
+    if not (measurements["status"] == "drifting").any():
+        return 0, 0
     rates = measurements.loc[measurements["kind"] == "range_rate", ["time_s", "sv", "status"]]
     each = []
     for shift_s in (0.0, 0.5 * WITHIN_S):
