@@ -28,7 +28,11 @@ ROOT = Path(__file__).resolve().parents[2]
 SUMMARIES = [text for text in EXAMPLES.values() if text.split()[1] != "columns"]
 SAMPLE = "data/sample_flight/flight.toml"
 # what a summary in JSON does not need: the option given last counts
-FEWER = {"receiver": "--cn0 40 --runs 1 --duration 45"}
+FEWER = {
+    "receiver": "--cn0 40 --runs 1 --duration 45",
+    "simulate": "--duration 120",
+    "iq": "--duration 0.5",
+}
 
 
 @pytest.fixture(scope="module")

@@ -62,21 +62,21 @@ def tight17(**measurements: Any) -> FilterConfig:
         {"filter": tight17(carrier=False)},
     ],
 )
-@pytest.mark.parametrize("most_rows", [1, 64, 333])
 def test_blocks_change_no_bit(
-    flown: FlightInMemory, options: dict[str, Any], most_rows: int, monkeypatch: pytest.MonkeyPatch
+    flown: FlightInMemory, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = in_blocks(monkeypatch, ONE_BLOCK, flown, **options)
-    parts = in_blocks(monkeypatch, most_rows, flown, **options)
 
     assert {"used", "used_for_start", "no_imu"} <= set(whole.measurements["status"])
     assert {"start", "imu_gap", "no_measurements"} <= set(whole.events["kind"])
-    for name in TABLES:
-        before, after = getattr(whole, name), getattr(parts, name)
-        if before is None:
-            assert after is None, name
-        else:
-            pd.testing.assert_frame_equal(after, before, check_exact=True, obj=name)
+    for most_rows in (1, 64, 333):
+        parts = in_blocks(monkeypatch, most_rows, flown, **options)
+        for name in TABLES:
+            before, after, told = getattr(whole, name), getattr(parts, name), f"{name}, blocks of {most_rows}"
+            if before is None:
+                assert after is None, told
+            else:
+                pd.testing.assert_frame_equal(after, before, check_exact=True, obj=told)
 
 
 def test_carriers_at_the_edge_of_a_block_are_differenced(

@@ -29,7 +29,7 @@ from tests.runs.matched_runs import (
 )
 from tests.statistics_bounds import CONFIDENCE, assert_mean_chi_square, mean_chi_square_bounds, nees
 
-RUNS = 500
+RUNS = 250
 RUNS_OF_A_WRONG_FILTER = 60
 EPOCHS = (1, 10, 30, 60, 90, 119)  # while it converges, in turns and on legs
 CONFIDENCE_OF_ONE = 1.0 - (1.0 - CONFIDENCE) / (len(EPOCHS) * len(BLOCKS))
@@ -136,7 +136,7 @@ def independent_share(share: Float64) -> float:
 def test_nis_of_each_kind_is_inside_its_bounds(runs: list[MatchedRun], kind: int) -> None:
     scaled, share = innovations_of(runs, kind)
     nis = scaled[np.isfinite(scaled)] ** 2
-    assert nis.size > 500_000
+    assert nis.size > 250_000
     assert_mean_chi_square(nis, 1, effective_share=independent_share(share))
 
 

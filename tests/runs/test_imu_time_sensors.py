@@ -30,7 +30,7 @@ kind = "turn"
 by_deg = 80.0
 bank_deg = 30.0
 """
-SEEDS: Final = range(900, 912)
+SEEDS: Final = range(900, 908)
 FEW_SEEDS: Final = SEEDS[:3]
 BEGIN_S: Final = START_S + 25.0
 # errors of six to nine quantities that have much in common, the means of some ten seconds of 35
@@ -101,7 +101,7 @@ def several_antennas(folder: Path, seed: int) -> Flight:
 
 def test_attitude_of_several_antennas_is_true_where_the_tags_are_off(tmp_path: Path) -> None:
     names, begin_s, offsets, ends, smoothed, plain = (*VELOCITY, *ANGLES), 150_012.0, [], [], [], []
-    for seed in range(12):
+    for seed in range(8):
         flight = several_antennas(tmp_path / str(seed), seed)
         run = insgnss.replay(flight, settings=SETTINGS)
         ends += squares_of(run, names, begin_s)

@@ -14,6 +14,7 @@ from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import LIVE_SATELLITES
 from insgnss.filter.whole_log import run_filter
+from insgnss.log.flight import FlightInMemory
 from insgnss.runs.engine import Engine
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import ImuTable
@@ -38,10 +39,14 @@ def row(carrier: bool) -> Row:
 
 
 @cache
+def flights(carrier: bool) -> list[FlightInMemory]:
+    return [drawn(row(carrier), seed)[2] for seed in SEEDS]
+
+
+@cache
 def runs(carrier: bool, *, states: bool, smooth: bool = False) -> list[insgnss.Run]:
     settings = SETTINGS if states else {}
-    flights = [drawn(row(carrier), seed)[2] for seed in SEEDS]
-    return [insgnss.replay(flight, settings=settings, smooth=smooth) for flight in flights]
+    return [insgnss.replay(flight, settings=settings, smooth=smooth) for flight in flights(carrier)]
 
 
 def mean_squares(found: list[insgnss.Run], noise_alone: bool = False) -> np.ndarray:
@@ -96,7 +101,7 @@ def test_smoother_keeps_them() -> None:
 
 def test_streaming_engine_has_them_too() -> None:
     """It does not know how many satellites will come, and has more states than the log needs."""
-    flight = drawn(row(False), SEEDS[0])[2]
+    flight = flights(False)[0]
     logs = flight.read()
     seen = logs.imu.t_ns <= logs.imu.t_ns[0] + 120 * NS_PER_S
     imu = ImuTable(logs.imu.t_ns[seen], logs.imu.w_ib_b[seen], logs.imu.f_b[seen])

@@ -35,7 +35,7 @@ from tests.runs.scenes import (
 from tests.statistics_bounds import mean_chi_square_bounds
 
 SAMPLE = "data/sample_flight/flight.toml"
-OUT_S, BACK_S = 180.0, 240.0  # of an outage
+OUT_S, BACK_S = 100.0, 160.0  # of an outage
 NO_LOOKS = {"health.suspicion_sigma": 0.0}  # of twenty runs one looks back by chance, which takes its time
 SEEDS = 20
 POSITION, VELOCITY = ("n_m", "e_m", "d_m"), ("vn_mps", "ve_mps", "vd_mps")
@@ -43,7 +43,7 @@ POSITION, VELOCITY = ("n_m", "e_m", "d_m"), ("vn_mps", "ve_mps", "vd_mps")
 
 @cache
 def industrial() -> Simulator:
-    return simulator(airborne_turns(270.0), 270.0, grade=imu_grade("industrial"))
+    return simulator(airborne_turns(180.0), 180.0, grade=imu_grade("industrial"))
 
 
 def inside(errors: pd.DataFrame | None, from_s: float, to_s: float) -> pd.DataFrame:

@@ -29,7 +29,7 @@ SHELL = 6_378_137.0 / (6_378_137.0 + 350_000.0)
 POSITION = ["n_m", "e_m", "d_m"]
 SIGMAS = ["sd_n_m", "sd_e_m", "sd_d_m", "sd_clock_bias_m"]
 FOREVER = {"air_time_s": 1e7, "satellite_time_s": 1e7}
-N_FLIGHTS = 60
+N_FLIGHTS = 30
 
 
 def tight17(**sizes: Any) -> FilterConfig:
@@ -75,7 +75,7 @@ def test_air_moves_the_position_by_its_sigma(ionosphere_m: float, troposphere_m:
 
 @pytest.mark.parametrize("outage", [False, True])
 def test_clocks_of_satellites_move_the_position_by_its_sigma(outage: bool) -> None:
-    """Sixty flights, each with clocks of its own, and with the last third of its epochs or without."""
+    """Thirty flights, each with clocks of its own, and with the last third of its epochs or without."""
     config = tight17(satellite_m={"G": 0.7})
     ratios, without = [], []
     for seed in range(N_FLIGHTS):

@@ -1,5 +1,7 @@
 """The reduced trust campaign: rows that show much for little time, few seeds; ``tests.benchmarks.trust`` flies them all.
 
+Two faults of the sample flight, of which ``test_suspects.py`` asks more, are left to the whole campaign.
+
 A row holds, or fails where ``tests/benchmarks/trust/expected.py`` says so. Once what a mark waits for is mended, the test
 of the marks fails until the mark is taken away.
 """  # noqa: E501

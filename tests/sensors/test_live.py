@@ -29,8 +29,9 @@ SENSORS = (
 )
 
 
-def made() -> FlightInMemory:
-    base = with_faults(turns(30.0), [outage(None, 12.0, 20.0)])
+def made(seconds: float = 30.0) -> FlightInMemory:
+    """Return a flight with an outage in its middle."""
+    base = with_faults(turns(seconds), [outage(None, 0.4 * seconds, 0.4 * seconds + 8.0)])
     base = with_sensors(base, SENSORS)
     return flown(base, 1, true_start(base, 2.0))
 

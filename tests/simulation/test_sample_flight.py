@@ -68,9 +68,9 @@ def test_the_committed_files_are_the_scripts(name: str, made: Path) -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
     call = "from pathlib import Path; from insgnss.simulation.sample_flight import write_sample_flight as w; "
-    for folder in ("one", "two"):
-        code = f"{call} w(Path({str(tmp_path / folder)!r}), seed=7, duration_s=30.0)"
-        subprocess.run([sys.executable, "-c", code], check=True, cwd=REPOSITORY)
+    code = f"{call} w(Path({str(tmp_path / 'one')!r}), seed=7, duration_s=30.0)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=REPOSITORY)
+    write_sample_flight(tmp_path / "two", seed=7, duration_s=30.0)
     write_sample_flight(tmp_path / "three", seed=8, duration_s=30.0)
     _, differing, missing = filecmp.cmpfiles(tmp_path / "one", tmp_path / "two", FILES, shallow=False)
     assert not differing and not missing

@@ -19,7 +19,7 @@ from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 from tests.statistics_bounds import mean_chi_square_bounds
 
 RUNS = 2
-FLIGHTS = 24  # of the two cases with the stage
+FLIGHTS = 16  # of the two cases with the stage
 FROM_S, UNTIL_S = 35.0, 55.0  # the outage of those: as long as the scenario's, 45 s earlier
 ENDED_S = 56.0  # what they are looked at for is over
 GUARDS = scenario_config("sokolov_2015").search.guards
