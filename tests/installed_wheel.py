@@ -74,7 +74,6 @@ def run_commands(program: Path, folder: Path, **environment: str) -> dict[str, s
     """Return what each of the first commands of a user printed; a command that fails ends the series."""
     commands = {
         "version": ["--version"],
-        "help": ["--help"],
         "models": ["models"],
         "simulate": ["simulate", "turning_flight", "--duration", str(FLIGHT_S), "--output", "flight"],
         "check": ["check", "flight/flight.toml"],
