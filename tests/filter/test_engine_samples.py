@@ -13,12 +13,12 @@ from insgnss.tables import ImuTable
 from tests.filter.test_engine_arrivals import LATENCY_S, assert_replayed, epochs, feed, late, with_latency
 from tests.runs.scenes import START_NS, flight, turns, without_samples
 
-BASE = turns(90.0)
+BASE = turns(60.0)
 
 
 @pytest.fixture(scope="module")
 def flown() -> Flight:
-    """Ninety seconds in the air."""
+    """A minute in the air."""
     return flight(BASE)
 
 
@@ -37,16 +37,16 @@ def changed(imu: ImuTable, sensor: str, from_s: float, to_s: float, value: float
 
 
 SAMPLES = {
-    "missing_for_one_second": lambda imu: without_samples(imu, 50.2, 51.2),
-    "missing_for_six_seconds": lambda imu: without_samples(imu, 50.2, 56.2),
-    "missing_twice_and_one_alone": lambda imu: without_samples(without_samples(imu, 50.0, 56.0), 56.0, 62.5),
+    "missing_for_one_second": lambda imu: without_samples(imu, 30.2, 31.2),
+    "missing_for_six_seconds": lambda imu: without_samples(imu, 30.2, 36.2),
+    "missing_twice_and_one_alone": lambda imu: without_samples(without_samples(imu, 30.0, 36.0), 36.0, 42.5),
     "missing_twice_with_no_start_between": lambda imu: without_samples(
-        without_samples(imu, 50.2, 54.2), 54.8, 60.2
+        without_samples(imu, 30.2, 34.2), 34.8, 40.2
     ),
-    "impossible": lambda imu: changed(changed(imu, "w_ib_b", 50.0, 50.4, np.nan), "f_b", 61.0, 61.01, 1e9),
-    "spikes": lambda imu: changed(imu, "f_b", 50.0, 50.01, 300.0),
-    "of_gyros_that_are_out": lambda imu: changed(imu, "w_ib_b", 50.0, 65.0, None),
-    "of_accelerometers_that_are_out": lambda imu: changed(imu, "f_b", 50.0, 65.0, 0.0),
+    "impossible": lambda imu: changed(changed(imu, "w_ib_b", 30.0, 30.4, np.nan), "f_b", 41.0, 41.01, 1e9),
+    "spikes": lambda imu: changed(imu, "f_b", 30.0, 30.01, 300.0),
+    "of_gyros_that_are_out": lambda imu: changed(imu, "w_ib_b", 30.0, 45.0, None),
+    "of_accelerometers_that_are_out": lambda imu: changed(imu, "f_b", 30.0, 45.0, 0.0),
 }
 
 
@@ -66,12 +66,12 @@ def test_engine_gives_the_bits_of_replay_with_samples(
     assert {e.kind for e in engine.events} & {"imu_gap", "imu_bad_sample", "imu_spike", "imu_sensor_out"}
 
 
-@pytest.mark.parametrize("wild_s", [50.0 + 1e6, 60.0, -1e6, 20.0])
+@pytest.mark.parametrize("wild_s", [30.0 + 1e6, 40.0, -1e6, 10.0])
 def test_wild_tag_is_refused_told_once_and_changes_no_bit(
     wild_s: float, flown: Flight, logs: FlightLogs
 ) -> None:
     engine = FilterEngine(with_latency(flown, logs))
-    cut_ns = START_NS + 50 * 10**9 + 5_000_000
+    cut_ns = START_NS + 30 * 10**9 + 5_000_000
     due = [(int(e.t_ns[0]), e) for e in epochs(logs.gnss)]
     at = int(np.searchsorted(logs.imu.t_ns, cut_ns))
     first = ImuTable(logs.imu.t_ns[:at], logs.imu.w_ib_b[:at], logs.imu.f_b[:at])
