@@ -103,9 +103,8 @@ def test_levels_are_those_of_replay_to_the_last_bit_once_all_satellites_have_ris
     """Two constellations, one satellite 25 s after the others: its sub-filter begins as a copy of the full one."""
     engine, results = late_stream() if late else streamed(two_constellations(), no_delay())
     live, replayed = levels_of(results, 26.0), replayed_levels()
-    wanted = replayed[replayed["t"] >= 26.0 - 1e-6][
-        : len(live)
-    ]  # an epoch that is late at the end has not come
+    # an epoch that is late at the end has not come
+    wanted = replayed[replayed["t"] >= 26.0 - 1e-6][: len(live)]
     assert len(live) > 20 and np.isfinite(live["hpl_m"]).all()
     np.testing.assert_array_equal(live["hpl_m"], wanted["hpl_m"])
     np.testing.assert_array_equal(live["vpl_m"], wanted["vpl_m"])

@@ -26,7 +26,7 @@ SCENARIOS = [
 ]
 # The short form of each: long enough for its first manoeuvres, the rocket's for its burn
 SHORT_S = {"sounding_rocket": 100.0}
-EVERY = 3  # row of a log: all satellites, as the numbers in view are no multiples of it
+SHARE = 1 / 3  # of a log's rows, drawn, whose innovations are computed
 
 
 @cache
@@ -98,7 +98,8 @@ def innovations(made: Simulation, until_s: float) -> tuple[np.ndarray, np.ndarra
     """Return what the engine's models leave of early rows at the truth: pseudorange [m] and range rate [m/s]."""
     log, scenario = made.log, made.scenario
     early = log.gnss.t_ns <= scenario.start_ns + until_s * NS_PER_S
-    gnss, navigation = log.gnss.take(np.flatnonzero(early)[::EVERY]), log.navigation
+    drawn = early & (np.random.default_rng(5).random(len(early)) < SHARE)
+    gnss, navigation = log.gnss.take(np.flatnonzero(drawn)), log.navigation
     tags = (gnss.t_ns - scenario.start_ns) / NS_PER_S
     bias = np.interp(tags, log.clock.tag_s, log.clock.bias_m)
     drift = np.interp(tags, log.clock.tag_s, log.clock.drift_mps)
