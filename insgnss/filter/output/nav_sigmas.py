@@ -15,8 +15,8 @@ from insgnss.geodesy.ellipsoid import radii
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-# near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
-_SMALLEST_COSINE = 1e-3
+# of the pitch, at +-90 deg: roll and yaw are not separately defined there, and their sigmas reach half a circle before
+_SMALLEST_COSINE = 1e-9
 # of the latitude, 6 m from a pole: an aircraft flies that far in a few hundredths of a second
 _POLAR_COSINE = 1e-6
 
