@@ -10,8 +10,17 @@ import pytest
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.config.library import filter_config
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
-from insgnss.filter.start.start import Kinematics, StartAttitude, given_attitudes, given_kinematics, open_bank
+from insgnss.filter.start.start import (
+    Kinematics,
+    StartAttitude,
+    StartHeading,
+    attitudes_at_start,
+    given_attitudes,
+    given_kinematics,
+    open_bank,
+)
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank
+from insgnss.inertial.alignment import AlignmentWindow
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, TACTICAL, attitude, parameters, place
@@ -113,3 +122,20 @@ def test_levelling_is_as_good_as_the_level_accelerometers_scale_factor_or_not() 
 
     np.testing.assert_allclose(P[PSI : PSI + 3], plain[PSI : PSI + 3], atol=1e-9)
     assert P[BA + 2, BA + 2] > 4.0 * plain[BA + 2, BA + 2]
+
+
+@pytest.mark.parametrize(
+    ("felt_g", "least_deg", "most_deg"), [(1.0, 3.0, 4.0), (0.3, 10.0, 12.0), (0.002, 59.9, 60.1)]
+)
+def test_force_near_free_fall_does_not_say_which_way_is_up(
+    felt_g: float, least_deg: float, most_deg: float
+) -> None:
+    """A tilt is the force's error over the force: in orbit the accelerometers feel their own bias."""
+    at = place()
+    f_b = np.array([0.0, 0.0, -felt_g * STANDARD_GRAVITY_MPS2])
+    window = AlignmentWindow(1.0, f_b, f_b, np.zeros(3), np.zeros(3), 0.01, 1e-3)
+    down_e = at.C_ne[2] * (1.0 - felt_g) * STANDARD_GRAVITY_MPS2
+    config = filter_config("tight17")
+    heading = [StartHeading(0.0, 1.0, 1.0)]
+    (start,) = attitudes_at_start(window, at.r_e, np.zeros(3), down_e, 0.1, config, TACTICAL, heading)
+    assert least_deg < np.degrees(start.sd_level) < most_deg

@@ -33,6 +33,7 @@ _COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that 
 _COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 LEVEL_FLOOR_RAD = math.radians(0.2)
+_ANY_TILT_RAD = math.pi / 3.0  # sigma of a tilt of which nothing is known
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
 # of an error of the accelerometers in n, where they level: psi_N = e_E / g, psi_E = -e_N / g
 TILT_OF_FORCE: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
@@ -133,6 +134,9 @@ def attitudes_at_start(
         sd_motion = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_motion)
     in_doubt = 0.5 * rate_in_doubt(window, config, grade) if a_e is None else np.zeros(3)
     sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD, sd_motion)
+    if a_e is not None:  # near free fall a force of any direction is within the error
+        felt = float(np.linalg.norm(window.f_b)) / STANDARD_GRAVITY_MPS2
+        sd_level = min(sd_level / max(min(felt, 1.0), 1e-6), max(sd_level, _ANY_TILT_RAD))
     attitudes = []
     for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.still_f_b if a_e is None else window.f_b, f_n, yaw)
