@@ -31,13 +31,15 @@ from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.gnss.least_squares import CLOCKS
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.inertial.alignment import AlignmentWindow, inertial_window
 from insgnss.status import USED
 from insgnss.tables import Event, Float64
 
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
-_FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
+_FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity or a clock's drift taken from two fixes
+_FASTEST_DRIFT_MPS = 3000.0  # 10 ppm
 _LEAST_RATES = 4  # for a velocity and a clock drift
 _WAIT_FIXES = 3  # after a gap, for a second velocity
 _VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
@@ -128,6 +130,26 @@ class Starter:
         P_v = (fix.P[:3, :3] + earlier.P[:3, :3]) / dt**2 + _FIX_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         return (fix.r_a - earlier.r_a) / dt, P_v
 
+    def _with_drift(self, fix: Fix) -> Fix:
+        """Return the fix with the drift of the clock: without range rates that of two fixes, as the velocity.
+
+        A drift that is not known lets any range rate pass the first gate, even all of the wrong sign.
+        """
+        earlier = self._earlier_fix(fix, with_velocity=False)
+        if math.isfinite(fix.drift) or earlier is None:
+            return fix
+        both = np.flatnonzero(np.isfinite(fix.clocks) & np.isfinite(earlier.clocks))
+        if len(both) == 0:
+            return fix
+        dt, group = (fix.t_ns - earlier.t_ns) / NS_PER_S, int(both[0])
+        drift = float(fix.clocks[group] - earlier.clocks[group]) / dt
+        if abs(drift) > _FASTEST_DRIFT_MPS:
+            return fix  # the clock has jumped
+        P_v = np.zeros((4, 4))
+        variance = (fix.clock_variance(group) + earlier.clock_variance(group)) / dt**2
+        P_v[CLOCKS, CLOCKS] = variance + _FIX_VELOCITY_SIGMA_MPS**2
+        return replace(fix, drift=drift, P_v=P_v)
+
     def _earlier_fix(self, fix: Fix, *, with_velocity: bool) -> Fix | None:
         """Return the latest fix that is at least a window older, None without one."""
         window_ns = int(self.setup.config.start.window_s * NS_PER_S)
@@ -163,7 +185,7 @@ class Starter:
                 return None, fix, []  # one of the two velocities is wrong
             a_e, sd_a = mean.a_e, mean.sigma
             P_v = P_v * mean.excess**2
-        kin = kinematics_from_fix(fix, v_a, P_v, config)
+        kin = kinematics_from_fix(self._with_drift(fix), v_a, P_v, config)
         headings = self.headings or open_headings(fix.r_a, v_a, P_v, config)
         attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
