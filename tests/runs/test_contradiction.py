@@ -11,12 +11,13 @@ import pytest
 
 import insgnss
 from insgnss.config.flight import MountedAntenna
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.contradiction import KIND, MOST_RESETS, contradiction
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import ImuTable
 from tests.filter.test_engine import shortened
-from tests.runs.scenes import flight, kinds, turns
+from tests.runs.scenes import START_NS, after, flight, kinds, position_error_m, turns
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
 NO_ROWS = pd.DataFrame({"time_s": [0.0], "sv": ["G01"], "kind": ["range_rate"], "status": ["used"]})
@@ -39,6 +40,17 @@ def test_gyros_of_a_wrong_sign_or_unit_are_told_at_the_end(log: SimulatedLog, tu
     last = run.events.iloc[-1]
     assert last["kind"] == KIND and "insgnss check" in last["detail"]
     assert last["time_s"] == pytest.approx(run.nav["time_s"].iloc[-1])
+
+
+def test_filter_that_wrong_samples_lead_astray_does_not_run_away_from_all_satellites(
+    log: SimulatedLog,
+) -> None:
+    """Accelerometers in g from a minute on: three satellites of eleven go on fitting a filter kilometres away."""
+    f_b = log.imu.f_b.copy()
+    f_b[log.imu.t_ns > START_NS + 60 * NS_PER_S] /= STANDARD_GRAVITY_MPS2
+    run = insgnss.replay(flight(turns(), log, imu=dataclasses.replace(log.imu, f_b=f_b)))
+    assert position_error_m(after(run, 0.0)).max() < 1000.0
+    assert run.events["kind"].iloc[-1] == KIND
 
 
 def test_sound_logs_are_not_doubted(log: SimulatedLog) -> None:

@@ -17,7 +17,13 @@ from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
 from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import FilterHistory
-from insgnss.filter.diagnosis.recovery import RecoveryTest, contradicted_kind, is_lost, open_doubt
+from insgnss.filter.diagnosis.recovery import (
+    RecoveryTest,
+    contradicted_kind,
+    is_elsewhere,
+    is_lost,
+    open_doubt,
+)
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
@@ -169,7 +175,7 @@ class FilterHealth:
         elif self.doubt is None:
             w_ib_b = imu.w_ib_b[current_sample(bank, imu)]  # the next one a stream does not have yet
             doubt = open_doubt(self.setup, bank, fix, w_ib_b, t_ns, reason)
-            if is_lost(lines, fix):
+            if is_lost(lines, fix) or is_elsewhere(doubt):
                 done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns)
                 return done._replace(events=events + done.events)
             self.doubt = doubt

@@ -28,7 +28,7 @@ from insgnss.filter.rows.lines import Lines
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.filter.start.fix import Fix
-from insgnss.filter.state import DR, Bank, copy_bank, joined_banks, select_members
+from insgnss.filter.state import DR, DV, Bank, copy_bank, joined_banks, select_members
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
@@ -44,6 +44,7 @@ _LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
 _CONTRADICTS2: Final = 16.0  # four sigmas of both
+_ELSEWHERE2: Final = 400.0  # twenty: reflections do not agree on another place and on another velocity
 _LOST: Final = 0.25  # share of the rows that still fit a filter which is lost
 _LATE: Final = 3  # epochs in a row that say so
 _LOST_RANGES: Final = 0.34  # the same of the pseudoranges alone, while the range rates still fit
@@ -233,15 +234,31 @@ def open_doubt(
 
 def is_lost(lines: Lines, fix: Fix) -> bool:
     """Return whether hardly a row fits the filter although almost all fit the fix, with rows to spare."""
+    return _almost_all_fit(fix) and _share(lines["status"][:, :2].ravel()) < _LOST
+
+
+def is_elsewhere(doubt: RecoveryTest) -> bool:
+    """Return whether almost all rows agree on a place and a velocity that the filter excludes.
+
+    Some rows still fit a filter that is lost: three of ten fix its clock and two directions. Inertial samples that are
+    wrong lead a copy astray as fast as the filter, so that a trial decides nothing.
+    """
+    lead = int(doubt.bank.head[0].leader) % doubt.n
+    if doubt.fix.v_a is None or not _almost_all_fit(doubt.fix):
+        return False
+    pair = doubt.bank, lead, doubt.bank, lead + doubt.n
+    return min(contradiction2(*pair), contradiction2(*pair, "v_e", DV)) > _ELSEWHERE2
+
+
+def _almost_all_fit(fix: Fix) -> bool:
     offered, used = fix.tried.sum(axis=1), fix.used.sum(axis=1)
-    fitting = bool(np.all(used >= _FITTING_RANGES * offered)) and fix.n_used >= _ENOUGH_RANGES
-    return fitting and _share(lines["status"][:, :2].ravel()) < _LOST
+    return bool(np.all(used >= _FITTING_RANGES * offered)) and fix.n_used >= _ENOUGH_RANGES
 
 
-def contradiction2(one: Bank, i: int, other: Bank, j: int) -> float:
-    """Return the squared distance of two hypotheses' positions over the covariance of both."""
-    d = other.state["r_e"][j] - one.state["r_e"][i]
-    block = slice(DR, DR + 3)
+def contradiction2(one: Bank, i: int, other: Bank, j: int, name: str = "r_e", at: int = DR) -> float:
+    """Return the squared distance of two hypotheses' positions, or velocities, over the covariance of both."""
+    d = other.state[name][j] - one.state[name][i]
+    block = slice(at, at + 3)
     return float(d @ np.linalg.solve(one.P[i, block, block] + other.P[j, block, block], d))
 
 
