@@ -211,7 +211,8 @@ def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
         return StartError(
             "no epoch allowed the filter to start",
             advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
-            " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
+            " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch, and finds time"
+            " tags of another scale (UTC)",
         )
     if setup.start_ns is not None and not t_ns[0] <= setup.start_ns <= epoch_ns[-1]:
         early_s, late_s = (t_ns[0] - setup.start_ns) / NS_PER_S, (setup.start_ns - epoch_ns[-1]) / NS_PER_S
