@@ -138,4 +138,4 @@ def test_filter_knows_of_disturbed_messages_what_their_joint_distribution_says(w
         left @ left.T / np.outer(scale, scale), abs=1e-8
     )
     assert f.v[0, :OFFSETS] / scale == pytest.approx(K @ y @ numbers / scale, abs=1e-8)
-    assert not f.P[OFFSETS:].any() and not f.v[0, OFFSETS:].any() and not room.disturbed.any()
+    assert not f.P[OFFSETS:].any() and not f.v[0, OFFSETS:].any() and not room.noise_sums.any()

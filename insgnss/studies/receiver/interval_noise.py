@@ -44,20 +44,20 @@ def disturbed_states(with_ins: bool) -> tuple[int, ...]:
 
 @kernel(apart=True)
 def lead_noise(receiver: ReceiverDesign, room: ChannelRoom) -> None:
-    """Lead the sums G and Y of clock and motion on by an integration, the messages' own L before its observations."""
+    """Lead the sums G and Y of clock and motion on by an integration; L is that of the messages, led on already."""
     p, half = receiver.F.shape[0], room.F_P
     sum_messages(room)
     for k in range(receiver.noise.shape[0]):
-        G, Y = room.disturbed[k, 0], room.disturbed[k, 1]
+        G, Y = room.noise_sums[k, 0], room.noise_sums[k, 1]
         carry_message(G, receiver.back)
         multiply(receiver.F, Y, half)
         multiply(half, receiver.back, Y)
-        multiply(receiver.noise[k], room.whole, half)
+        multiply(receiver.noise[k], room.all_messages, half)
         for i in range(p):
             for j in range(p):
                 total = 0.0
                 for b in range(p):
-                    total += room.whole[i, b] * half[b, j]
+                    total += room.all_messages[i, b] * half[b, j]
                 G[i, j] += total
                 Y[i, j] += half[i, j]
 
@@ -65,12 +65,12 @@ def lead_noise(receiver: ReceiverDesign, room: ChannelRoom) -> None:
 @kernel(inline=True)
 def sum_messages(room: ChannelRoom) -> None:
     """Write the sum of the channels' messages."""
-    for i in range(room.whole.shape[0]):
-        for j in range(room.whole.shape[1]):
+    for i in range(room.all_messages.shape[0]):
+        for j in range(room.all_messages.shape[1]):
             total = 0.0
             for c in range(room.message.shape[0]):
                 total += room.message[c, i, j]
-            room.whole[i, j] = total
+            room.all_messages[i, j] = total
 
 
 @kernel(inline=True)
@@ -94,17 +94,17 @@ def disturb(f: FilterRoom, room: ChannelRoom) -> None:
     P, states = f.P, f.disturbed
     at, p = P.shape[0] - states.shape[0], room.C.shape[0]
     sum_messages(room)
-    if not solve_message(room.whole, room.z, room.C):
+    if not solve_message(room.all_messages, room.z, room.C):
         return
     half = room.F_P
     for i in range(states.shape[0]):
         first, own, source = i // p * p, i % p, min(i // p, 1)
-        multiply(room.disturbed[source, 1], room.C, half)
+        multiply(room.noise_sums[source, 1], room.C, half)
         for j in range(p):
             if states[first + j] != NO_STATE:
                 crossed = -sign_of(source, own) * sign_of(source, j) * half[j, own]
                 P[at + i, states[first + j]], P[states[first + j], at + i] = crossed, crossed
-        multiply(room.C, room.disturbed[source, 0], half)
+        multiply(room.C, room.noise_sums[source, 0], half)
         for j in range(p):
             total = 0.0
             for b in range(p):
@@ -134,10 +134,10 @@ def undisturb(f: FilterRoom, room: ChannelRoom) -> None:
         f.v[0, i] = 0.0
         for c in range(P.shape[0]):
             P[i, c], P[c, i] = 0.0, 0.0
-    for k in range(room.disturbed.shape[0]):
-        for i in range(room.disturbed.shape[2]):
-            for j in range(room.disturbed.shape[3]):
-                room.disturbed[k, 0, i, j], room.disturbed[k, 1, i, j] = 0.0, 0.0
+    for k in range(room.noise_sums.shape[0]):
+        for i in range(room.noise_sums.shape[2]):
+            for j in range(room.noise_sums.shape[3]):
+                room.noise_sums[k, 0, i, j], room.noise_sums[k, 1, i, j] = 0.0, 0.0
 
 
 @kernel(inline=True)

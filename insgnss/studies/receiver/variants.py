@@ -374,11 +374,8 @@ def receiver_of(
     """
     # range, its rate, and the acceleration if it is unknown
     states = 2 if unknown is None else 3
-    A, of_clock, of_motion = (
-        np.diag(np.ones(states - 1), 1),
-        np.zeros((states, states)),
-        np.zeros((states, states)),
-    )
+    A = np.diag(np.ones(states - 1), 1)
+    of_clock, of_motion = np.zeros_like(A), np.zeros_like(A)
     of_clock[1, 1] = drift_density
     if unknown is not None:
         A[2, 2] = -1.0 / unknown.time_s

@@ -66,13 +66,13 @@ class FilterRoom(NamedTuple):
     par: npt.NDArray[Any]  # (1,) of PARAMETERS_DTYPE
     scratch: Scratch
     v: Float64  # (4, n)
-    h: Float64  # (3, 12)
+    h: Float64  # (3, 13)
     columns: Int64  # (8,), or (9,) where phases have states of their own: the last one is a channel's
     phase_columns: Int64  # (5,) scratch
     # (12,) or (13,): those, with the accelerometers' biases and what all accelerations share in front of a phase's own
     acceleration_columns: Int64
-    # (k,) states that noise within an interval drives, where the filter takes messages of intervals; it has as many
-    # states behind all others for what this noise does to the messages
+    # (k,) states that noise within an interval drives, if the filter takes messages of intervals; as many states stand
+    # behind all others, for what this noise does to the messages
     disturbed: Int64
 
 
@@ -83,10 +83,8 @@ class ChannelRoom(NamedTuple):
     P: Float64  # (m, p, p)
     base: Float64  # (m, 2) the filter's predictions from which the next change is counted
     message: Float64  # (m, p, p + 1) of the interval
-    whole: Float64  # (p, p + 1) their sum
-    disturbed: (
-        Float64  # (1 or 2, 2, p, p + 1) what this noise does to it: the sums G and Y of ``interval_noise``
-    )
+    all_messages: Float64  # (p, p + 1) their sum
+    noise_sums: Float64  # (1 or 2, 2, p, p + 1) the sums G and Y of ``interval_noise``, for clock and motion
     z: Float64  # (p,) what a channel gives to the filter ...
     C: Float64  # (p, p) ... and its covariance
     u: Float64  # (m, 3)
