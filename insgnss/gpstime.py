@@ -6,12 +6,14 @@ Integer nanoseconds do not lose resolution at any date: a float64 of Unix second
 from __future__ import annotations
 
 import datetime as dt
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 
+_Time = TypeVar("_Time", np.int64, np.float64)
 GPS_EPOCH = dt.datetime(1980, 1, 6)
 UNIX_TO_GPS_S = 315_964_800  # GPS epoch in Unix seconds
 LATEST_WEEK = 10_000  # the year 2171: a receiver that states a later GPS week does not know the time
@@ -56,6 +58,18 @@ def week_seconds_to_ns(week: int, seconds: npt.ArrayLike) -> npt.NDArray[np.int6
 def ns_to_week_seconds(t_ns: npt.ArrayLike, week: int) -> npt.NDArray[np.float64]:
     """Return seconds counted from the start of GPS week ``week`` (beyond 604800 after a week crossover)."""
     return np.asarray((np.asarray(t_ns, dtype=np.int64) - np.int64(week) * NS_PER_WEEK) / NS_PER_S)
+
+
+def nearest(times: npt.NDArray[_Time], wanted: npt.NDArray[_Time]) -> npt.NDArray[np.int64]:
+    """Return for each wanted time the index of the nearest one in ``times``, the earlier of two that are as near.
+
+    Parameters
+    ----------
+    times : (n,) in order, at least one
+    """
+    after = np.minimum(np.searchsorted(times, wanted), len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(times[after] - wanted < wanted - times[before], after, before)
 
 
 def leap_seconds(utc: dt.datetime) -> int:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.observation_rows import ABSENT, GnssRows
 from insgnss.gnss.signals import wavelength_m
+from insgnss.gpstime import nearest
 from insgnss.status import (
     BAD_SIGMA,
     BAD_VALUE,
@@ -131,9 +132,6 @@ def epoch_of(t_ns: Int64, epoch_ns: Int64) -> Int64:
     """Return the epoch nearest to each time, the number of epochs where none is near."""
     if not len(epoch_ns):
         return np.zeros(len(t_ns), np.int64)
-    after = np.clip(np.searchsorted(epoch_ns, t_ns), 1, max(len(epoch_ns) - 1, 1))
-    before = np.minimum(after - 1, len(epoch_ns) - 1)
-    after = np.minimum(after, len(epoch_ns) - 1)
-    nearer = np.where(t_ns - epoch_ns[before] <= epoch_ns[after] - t_ns, before, after)
-    apart = np.abs(t_ns - epoch_ns[nearer])
-    return np.where(apart <= MATCH_NS, nearer, len(epoch_ns)).astype(np.int64)
+    epoch = nearest(epoch_ns, t_ns)
+    apart = np.abs(t_ns - epoch_ns[epoch])
+    return np.where(apart <= MATCH_NS, epoch, len(epoch_ns))

@@ -8,7 +8,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.errors import NavigationDataError
-from insgnss.gpstime import ns_to_datetime
+from insgnss.gpstime import nearest, ns_to_datetime
 from insgnss.tables import Event, Int64, NavigationData
 
 # No message is of use further than this from the log: the longest validity is 4 h, a fit interval up to 26 h
@@ -35,9 +35,7 @@ def check_navigation_time(navigation: NavigationData, gnss_ns: Int64, paths: tup
     if not len(times) or not len(gnss_ns):
         return []
     epochs = np.unique(gnss_ns)
-    after = np.searchsorted(times, epochs).clip(0, len(times) - 1)
-    before = (after - 1).clip(0)
-    gap_s = np.minimum(np.abs(times[after] - epochs), np.abs(times[before] - epochs)) / NS_PER_S
+    gap_s = np.abs(times[nearest(times, epochs)] - epochs) / NS_PER_S
     if gap_s.min() > WRONG_DAY_S:
         raise NavigationDataError(
             f"the navigation data are of {_span(times)}, the GNSS log of {_span(epochs)}",

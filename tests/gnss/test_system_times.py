@@ -20,6 +20,7 @@ from insgnss.gpstime import (
     datetime_to_ns,
     glonass_to_ns,
     leap_seconds,
+    nearest,
     utc_to_ns,
 )
 from insgnss.log.rinex.navigation import read_navigation
@@ -143,3 +144,10 @@ def test_glonass_orbit_runs_on_over_the_leap_second(tmp_path: Path) -> None:
     assert list(states.status) == [USED] * 3
     np.testing.assert_allclose(np.diff(states.age_s), 1.0, rtol=0, atol=1e-9)
     assert states.age_s[1] == pytest.approx(900.0 - 2.1e7 / C_MPS, abs=2e-4)
+
+
+def test_nearest_time_is_the_earlier_of_two_that_are_as_near_and_the_last_one_beyond_the_end() -> None:
+    times = np.array([10, 20, 20, 40])
+    wanted = np.array([0, 10, 15, 16, 29, 30, 31, 99])
+    assert nearest(times, wanted).tolist() == [0, 0, 0, 1, 2, 2, 3, 3]
+    assert nearest(times[:1] / 2.0, wanted / 2.0).tolist() == [0] * 8

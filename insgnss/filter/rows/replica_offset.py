@@ -38,6 +38,9 @@ COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)
 RANGE_COLUMNS: Final = 4  # the first of them: a range has no other
 PHASE_COLUMNS: Final = RANGE_COLUMNS + 1  # and those of a phase with a state of its own behind them
 ACCELERATION_COLUMNS: Final = (*COLUMNS, BA, BA + 1, BA + 2)
+# places in the row of an acceleration, behind those: what all channels share, and the phase's own state
+SHARED_COLUMN: Final = len(ACCELERATION_COLUMNS)
+OWN_COLUMN: Final = SHARED_COLUMN + 1
 _POSITION, _CLOCK, _VELOCITY, _DRIFT = (COLUMNS.index(state) for state in (DR, CLOCK, DV, DRIFT))
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from insgnss.filter.rows.replica_offset import (
-    ACCELERATION_COLUMNS,
     COLUMNS,
+    OWN_COLUMN,
     PHASE_COLUMNS,
     RANGE_COLUMNS,
+    SHARED_COLUMN,
     offset_acceleration_row,
     offset_range_row,
     offset_rate_row,
@@ -100,8 +101,7 @@ def use_acceleration_beside(
     variance = C[2, 2] - of_range * C[0, 2] - of_rate * C[1, 2]
     if variance > 0.0:
         offset_acceleration_row(u, g, of_range, of_rate, h)
-        h[len(ACCELERATION_COLUMNS)] = 1.0
-        h[len(ACCELERATION_COLUMNS) + 1] = -of_range
+        h[SHARED_COLUMN], h[OWN_COLUMN] = 1.0, -of_range
         scalar_update(P, h, columns, z[2] - of_range * z[0] - of_rate * z[1], variance, v)
 
 
@@ -209,10 +209,9 @@ def acceleration_covariance(
     columns : as in ``use_acceleration_beside``
     h : (3, 13) scratch
     """
-    own = len(ACCELERATION_COLUMNS) + 1
     offset_range_row(u, h[0])
     offset_rate_row(u, g, 0.0, h[1])
-    of_acceleration = columns[len(COLUMNS) : len(ACCELERATION_COLUMNS)]
+    of_acceleration = columns[len(COLUMNS) : SHARED_COLUMN]
     covariance_with(P, u, of_acceleration, v[1])
     with_range, with_rate, itself = 0.0, 0.0, 0.0
     for i in range(RANGE_COLUMNS):
@@ -221,6 +220,6 @@ def acceleration_covariance(
         with_rate += h[1, i] * v[1, columns[i]]
     for i in range(of_acceleration.shape[0]):
         itself += u[i] * v[1, of_acceleration[i]]
-    if columns.shape[0] > own:
-        with_range += v[1, columns[own]]
+    if columns.shape[0] > OWN_COLUMN:
+        with_range += v[1, columns[OWN_COLUMN]]
     return with_range, with_rate, itself

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_MS, NS_PER_S
+from insgnss.gpstime import nearest
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.tables import Bool, Float64, Int64
 
@@ -46,19 +47,10 @@ def whole_milliseconds(
             if not len(others):
                 continue
             others = others[np.argsort(clock.t_ns[others], kind="stable")]
-            nearest = others[_nearest(clock.t_ns[others], clock.t_ns[rows])]
-            near = np.abs(clock.t_ns[rows] - clock.t_ns[nearest]) <= _LONGEST_NS
-            rows, guess_ns = rows[near], np.rint(travel_ns[nearest[near]]).astype(np.int64)
+            other = others[nearest(clock.t_ns[others], clock.t_ns[rows])]
+            near = np.abs(clock.t_ns[rows] - clock.t_ns[other]) <= _LONGEST_NS
+            rows, guess_ns = rows[near], np.rint(travel_ns[other[near]]).astype(np.int64)
             half = NS_PER_MS // 2
             travel_ns[rows] = guess_ns + np.mod(elapsed_ns[rows] - guess_ns + half, NS_PER_MS) - half
             completed[rows] = True
     return travel_ns, completed
-
-
-def _nearest(sorted_ns: Int64, wanted_ns: Int64) -> npt.NDArray[np.intp]:
-    """Return the index of the nearest time for each wanted one."""
-    after = np.clip(np.searchsorted(sorted_ns, wanted_ns), 1, len(sorted_ns) - 1) if len(sorted_ns) > 1 else 0
-    after = np.broadcast_to(np.asarray(after, np.intp), wanted_ns.shape)
-    before = np.maximum(after - 1, 0)
-    later = sorted_ns[after] - wanted_ns < wanted_ns - sorted_ns[before]
-    return np.where(later, after, before)

@@ -26,8 +26,7 @@ def fixes(lines: AndroidCells) -> ReferenceTable | None:
 
     Velocity is level: the log has no vertical one.
     """
-    name = next((name for name in TIMES if lines.has(name)), TIMES[0])
-    t_ns, timed = lines.gps_times(name)
+    t_ns, timed = lines.gps_times(*TIMES)
     names = (
         ("LatitudeDegrees", "Latitude"),
         ("LongitudeDegrees", "Longitude"),

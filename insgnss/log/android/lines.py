@@ -121,9 +121,12 @@ class AndroidCells:
         values, present = self._numbers(name, _DECIMAL, pa.float64(), 0.0)
         return np.where(present & np.isfinite(values), values, np.nan)
 
-    def gps_times(self, name: str) -> tuple[Int64, Bool]:
-        """Return the GPS time [ns] of a column of Unix milliseconds, and where it is a date; zero elsewhere."""
-        unix_ms, given = self.integers(name)
+    def gps_times(self, *names: str) -> tuple[Int64, Bool]:
+        """Return the GPS time [ns] of a column of Unix milliseconds, and where it is a date; zero elsewhere.
+
+        Of several ``names`` the first counts that the file has.
+        """
+        unix_ms, given = self.integers(next(filter(self.has, names), names[0]))
         given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
         t_ns = np.zeros(self.n, np.int64)
         t_ns[given] = unix_to_gps_ns(unix_ms[given] * NS_PER_MS)

@@ -17,6 +17,7 @@ import numpy as np
 from insgnss.constants import NS_PER_MS, NS_PER_S, SIGMA_PER_MEDIAN
 from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
 from insgnss.log.android.clock import ReceiverClock
+from insgnss.log.android.fixes import TIMES
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.sensor_pairs import paired
@@ -173,7 +174,7 @@ def _times_of_fixes(fixes: AndroidCells) -> tuple[Int64, Int64, Bool]:
     The receiver's own alone: those of the network and fused ones carry the phone's own UTC.
     """
     elapsed, given = fixes.integers("elapsedRealtimeNanos")
-    t_ns, dated = fixes.gps_times("UnixTimeMillis")
+    t_ns, dated = fixes.gps_times(*TIMES)
     of_receiver = np.array([text.strip().lower() == "gps" for text in fixes.texts("Provider")], np.bool_)
     return elapsed, t_ns, given & dated & of_receiver
 

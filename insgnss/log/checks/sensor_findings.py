@@ -17,6 +17,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.sea_level import geoid_height
+from insgnss.gpstime import nearest
 from insgnss.log.checks.report import Finding, Severity, from_events
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.csv.columns import FileColumns
@@ -122,8 +123,7 @@ def _at(gnss: _LocalTrack, t_s: Float64, of: Float64) -> Float64:
 def _common(table: SensorTable, gnss: _LocalTrack, origin_ns: int) -> _SampledTrack:
     """Return the readings within two seconds of a GNSS epoch, and GNSS at their times."""
     t_s = (table.t_ns - origin_ns) / NS_PER_S
-    near = np.clip(np.searchsorted(gnss.t_s, t_s), 1, len(gnss.t_s) - 1)
-    away = np.minimum(np.abs(gnss.t_s[near] - t_s), np.abs(gnss.t_s[near - 1] - t_s))
+    away = np.abs(gnss.t_s[nearest(gnss.t_s, t_s)] - t_s)
     good = np.isfinite(table.values[:, :2]).all(axis=1) & (away < 2.0)
     t_s = t_s[good]
     return _SampledTrack(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)

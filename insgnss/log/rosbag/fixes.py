@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from insgnss.gpstime import nearest
 from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference, stated_sigmas
 from insgnss.log.rosbag.topic import Decoded, Topic, stamps
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
@@ -112,11 +113,9 @@ def _velocities_at(t_ns: Int64, topic: Topic, events: list[Event]) -> tuple[Floa
     rows = distinct_rows(own_ns, own_ns >= 0)
     if not len(rows):
         return velocity, sigma, False
-    after = np.minimum(np.searchsorted(own_ns[rows], t_ns), len(rows) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = rows[np.where(t_ns - own_ns[rows[before]] <= own_ns[rows[after]] - t_ns, before, after)]
-    same = np.abs(own_ns[nearest] - t_ns) <= _SAME_FIX_NS
-    velocity[same], sigma[same] = stated[nearest[same]], stated_sigma[nearest[same]]
+    chosen = rows[nearest(own_ns[rows], t_ns)]
+    same = np.abs(own_ns[chosen] - t_ns) <= _SAME_FIX_NS
+    velocity[same], sigma[same] = stated[chosen[same]], stated_sigma[chosen[same]]
     return velocity, sigma, _is_inertial(messages)
 
 

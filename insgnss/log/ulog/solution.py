@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import NS_PER_US
-from insgnss.gpstime import unix_to_gps_ns
+from insgnss.gpstime import nearest, unix_to_gps_ns
 from insgnss.log.boot_time import BootClock, dated
 from insgnss.log.own_solution import (
     FIX_3D,
@@ -168,11 +168,9 @@ def _beside(rows: Any | None, names: tuple[str, ...], clock: BootClock, at_ns: I
     t_ns = clock.gps_ns(sampled_us(rows))
     order = np.argsort(t_ns, kind="stable")
     t_ns = t_ns[order]
-    after = np.minimum(np.searchsorted(t_ns, at_ns), len(t_ns) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(t_ns[after] - at_ns) < np.abs(t_ns[before] - at_ns), after, before)
-    values = np.column_stack([np.asarray(rows[name], np.float64) for name in names])[order[nearest]]
-    far = np.abs(t_ns[nearest] - at_ns) > _LONGEST_GAP_NS
+    chosen = nearest(t_ns, at_ns)
+    values = np.column_stack([np.asarray(rows[name], np.float64) for name in names])[order[chosen]]
+    far = np.abs(t_ns[chosen] - at_ns) > _LONGEST_GAP_NS
     return np.asarray(np.where(far[:, None] | ~np.isfinite(values), np.nan, values))
 
 

@@ -1,22 +1,23 @@
 """What oscillator and motion do within an interval to the messages of its channels, compiled.
 
-A message (``interval_message``) takes its path for undisturbed. Noise w_j that enters after the observation j - 1 is
-not in that and the earlier ones, which the message leads on to the end nevertheless: it is off by
+A message (``interval_message``) assumes that nothing disturbs its path. But the noise w_j that enters between the
+observations j - 1 and j is not in the earlier ones, which the message carries to the end without it. So it is off by
 
     d = -C sum L_(j-1) A^(n-j) w_j,        L_j the information of the first j observations, as of the end
 
-The clock is one error of all channels, and so is the motion along each axis by the lines of sight. The filter's own
-prediction holds the same noise. With G = sum L_(j-1) Q_j L_(j-1), Y = sum Q_j L_(j-1), Q_j = A^(n-j) Q A^(n-j)^T,
+All channels share the noise of the clock, and by their lines of sight that of the motion along each axis. The filter's
+own prediction contains the same noise. With the noise as of the end, Q_j = A^(n-j) Q A^(n-j)^T, and the sums
+G = sum L_(j-1) Q_j L_(j-1), Y = sum Q_j L_(j-1),
 
     cov(d) = C G C,        cov(x, d) = -Y C
 
-So d is a state of the filter for the time of an update, for each state x that the noise drives. The messages see
-x + d: x takes d in, the rows are those of any offset, and d is taken out again. From one observation to the next
+During an update the filter has such a state d for each state x that the noise drives. The messages measure x + d: d is
+added to x before the rows, which are those of any offset, and subtracted after them. From one observation to the next
 
     L <- B^T L B,   G <- B^T G B + L Q L,   Y <- A Y B + Q L,        B = A^-1
 
-Neglects: that channels of unequal C/N0, or whose signal came within the interval, weigh its observations otherwise than
-the sum of all does.
+Neglects: that a channel weighs the observations of an interval otherwise than the sum of all channels does, if its C/N0
+differs or its signal came within the interval.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def multiply(A: Float64, X: Float64, to: Float64) -> None:
 
 @kernel(apart=True)
 def disturb(f: FilterRoom, room: ChannelRoom) -> None:
-    """Let the filter's states be those that the messages have seen: x <- x + d, d the last states of ``P``.
+    """Add to the filter's states what the messages contain beside them: x <- x + d, d the last states of ``P``.
 
     Nothing is done where the channels together do not observe all offsets.
     """
@@ -97,19 +98,23 @@ def disturb(f: FilterRoom, room: ChannelRoom) -> None:
     if not solve_message(room.all_messages, room.z, room.C):
         return
     half = room.F_P
+    for k in range(room.noise_sums.shape[0]):  # Y <- Y C, G <- C G C
+        G, Y = room.noise_sums[k, 0], room.noise_sums[k, 1]
+        multiply(Y, room.C, half)
+        for i in range(p):
+            for j in range(p):
+                Y[i, j] = half[i, j]
+        multiply(room.C, G, half)
+        multiply(half, room.C, G)
     for i in range(states.shape[0]):
         first, own, source = i // p * p, i % p, min(i // p, 1)
-        multiply(room.noise_sums[source, 1], room.C, half)
+        G, Y = room.noise_sums[source, 0], room.noise_sums[source, 1]
         for j in range(p):
+            sign = sign_of(source, own) * sign_of(source, j)
+            P[at + i, at + first + j] = sign * G[own, j]
             if states[first + j] != NO_STATE:
-                crossed = -sign_of(source, own) * sign_of(source, j) * half[j, own]
+                crossed = -sign * Y[j, own]
                 P[at + i, states[first + j]], P[states[first + j], at + i] = crossed, crossed
-        multiply(room.C, room.noise_sums[source, 0], half)
-        for j in range(p):
-            total = 0.0
-            for b in range(p):
-                total += half[own, b] * room.C[b, j]
-            P[at + i, at + first + j] = sign_of(source, own) * sign_of(source, j) * total
     for i in range(states.shape[0]):
         if states[i] != NO_STATE:
             add_state(P, states[i], at + i, 1.0)
@@ -123,7 +128,7 @@ def sign_of(source: int, offset: int) -> float:
 
 @kernel(apart=True)
 def undisturb(f: FilterRoom, room: ChannelRoom) -> None:
-    """Take the noise of the interval out of the filter's states again, and forget it."""
+    """Subtract the noise of the interval from the filter's states again, and clear it and its sums."""
     P, states = f.P, f.disturbed
     at = P.shape[0] - states.shape[0]
     for i in range(states.shape[0]):
@@ -142,7 +147,7 @@ def undisturb(f: FilterRoom, room: ChannelRoom) -> None:
 
 @kernel(inline=True)
 def add_state(P: Float64, to: int, other: int, sign: float) -> None:
-    """Let one state of a covariance become its sum with another, or its difference: symmetric to the last bit."""
+    """Add a state to another in a covariance, or subtract it (``sign`` -1); P stays symmetric bit for bit."""
     own = P[to, to] + 2.0 * sign * P[to, other] + P[other, other]
     for c in range(P.shape[0]):
         P[to, c] += sign * P[other, c]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.filter.rows.replica_offset import ACCELERATION_COLUMNS, COLUMNS
+from insgnss.filter.rows.replica_offset import COLUMNS, OWN_COLUMN
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.replica_offsets import begin_phase, phase_variance
 from insgnss.kernels.jit import kernel
@@ -49,7 +49,7 @@ def own_column(f: FilterRoom, c: int) -> None:
     """Let the last column of a channel's rows be the state of its own phase."""
     if has_phase_states(f):
         f.columns[len(COLUMNS)] = OFFSETS + c
-        f.acceleration_columns[len(ACCELERATION_COLUMNS) + 1] = OFFSETS + c
+        f.acceleration_columns[OWN_COLUMN] = OFFSETS + c
 
 
 @kernel(inline=True)

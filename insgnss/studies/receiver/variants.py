@@ -37,7 +37,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.layout import Layout, RandomWalk, StateBlock
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.prediction import new_scratch
-from insgnss.filter.rows.replica_offset import ACCELERATION_COLUMNS, COLUMNS, RANGE_COLUMNS
+from insgnss.filter.rows.replica_offset import ACCELERATION_COLUMNS, COLUMNS, OWN_COLUMN, RANGE_COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import EARTH_RATE_E, matrix_to_quaternion
@@ -316,7 +316,7 @@ def filter_room(
         parameters_of(grade, oscillator, layout),
         new_scratch(n),
         np.zeros((4, n)),
-        np.zeros((3, len(ACCELERATION_COLUMNS) + 2)),
+        np.zeros((3, OWN_COLUMN + 1)),
         np.array((*COLUMNS, *own), np.int64),
         np.array((*COLUMNS[:RANGE_COLUMNS], OFFSETS), np.int64),
         np.array((*ACCELERATION_COLUMNS, shared, *own), np.int64),
