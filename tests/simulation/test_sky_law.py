@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pymap3d
+import pytest
 
 from insgnss.constants import WGS84_A_M
 from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.faults import false_lock
 from insgnss.simulation.observations import SimulatedReceiver, antenna_motion, observe_paths, paths_to
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.sample_trajectories import airborne_turns
-from insgnss.simulation.sky import PAPER_SKY
+from insgnss.simulation.sky import PAPER_SKY, nominal_constellation
 from insgnss.simulation.sky_law import GPS_HEIGHT_M, SkyLaw, table_with_states
+from insgnss.simulation.slow_error_sizes import mirrored_s
 
 PLACE = (59.97, 30.32, 1000.0)
 LAW = SkyLaw.of_tracks(PLACE, PAPER_SKY, 1200.0)
@@ -87,3 +90,20 @@ def test_false_lock_stands_in_the_log_though_the_satellite_is_hidden() -> None:
     assert (off.cn0_dbhz[4:8, own] == 33.0).all()
     others = np.arange(len(NAMES)) != own
     np.testing.assert_array_equal(off.pseudorange_m[:, others], clean.pseudorange_m[:, others])
+
+
+def test_a_mirrors_error_lasts_as_long_as_its_phase_takes_for_a_radian() -> None:
+    """Of the nominal satellites above 5 deg, over a day, at 50 deg of latitude; an antenna 18 m above the sea."""
+    satellites = nominal_constellation(START_NS).ephemerides
+    times_s = np.arange(0.0, 86_400.0, 300.0)[:, None] + np.zeros(len(satellites.sv_names))
+    sines = []
+    for later_s in (0.0, 1.0):
+        r_e = satellite_states(satellites, START_NS, times_s + later_s).r_e
+        _, elevation, _ = pymap3d.ecef2aer(*np.moveaxis(r_e, -1, 0), 50.0, 11.0, 0.0)
+        sines.append(np.sin(np.radians(elevation)))
+    rising = (sines[1] - sines[0])[sines[0] > np.sin(np.radians(5.0))]
+
+    radians_per_s = 4.0 * np.pi * 18.0 / 0.190294 * np.sqrt(np.mean(rising**2))
+    # the rate of the sine depends on the latitude: 6 to 8.5e-5 /s from the equator to the pole
+    np.testing.assert_allclose(mirrored_s(18.0), 1.0 / radians_per_s, rtol=0.05)
+    assert mirrored_s(2.0) == pytest.approx(9.0 * mirrored_s(18.0))

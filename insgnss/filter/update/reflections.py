@@ -4,9 +4,10 @@ The filter takes the errors of a row for noise of the variance r, which averages
 a car that waits at a light sees the same one for a minute, and the position stays as far off as it was. What shows it
 is the satellite's own residual e against the others (``integrity``),
 
-    m = mean of e / sqrt(1 - g D g^T / r) over five seconds,   b^2 = max(m^2 - 4 v r, B^2, 0)
+    m = mean of e / sqrt(1 - g D g^T / r) over five seconds,   b^2 = max(m^2 - s^2 - 4 v r, B^2, 0)
 
-with v r the variance that noise gives the mean: means below two of its sigmas are ignored. b, with the sign of m, is
+with v r the variance that noise gives the mean (means below two of its sigmas are ignored), and s the sigma of the
+satellite's slow error that the settings state: what that explains is not counted again. b, with the sign of m, is
 the size of a slow error of the satellite (``slow_errors``), forgotten within ``adaptation.reflection_time_s``. So the
 gains stay as they are, and sd_* and, with one heading, the gates include the position error that reflections cause. The
 time matters little: 30 and 300 s give the same errors over sigma in a city within 5 %.
@@ -14,7 +15,7 @@ time matters little: 30 and 300 s give the same errors over sigma in a city with
 Among few satellites the residual of one that is off shows a part of its error, and those of the others the rest. So
 none is taken for better than all together are on average, two sigmas of that mean of n squares taken off:
 
-    B^2 = mean of (m^2 - v r (1 + 2 sqrt(2 / (n - 4))))
+    B^2 = mean of (m^2 - s^2 - v r (1 + 2 sqrt(2 / (n - 4))))
 
 In the centre of Hong Kong the position's error over sigma is 1.0 to 1.2 in the median and 2.8 to 3.9 at 95 % (0.8 and
 1.7 would be right); without B 1.4 to 1.6 and 3.2 to 5.3, without b 2.0 and 10 to 13. Where the ranges of four in ten
@@ -34,7 +35,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.integrity import UNKNOWNS
 from insgnss.filter.update.satellite_memory import FORGOTTEN_S, RANGE_S, REFLECTION, REFLECTION_VARIANCE
-from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
+from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -54,20 +55,28 @@ def write_reflections(memory: Float64, par: Parameters, rows: GnssRows, epoch: i
     for j in range(rows.first[epoch + 1] - first):
         lines[j].reflection = 0.0
     for j in range(count):
-        own = memory[rows.observation[first + j].slot]
+        row = rows.observation[first + j]
+        own = memory[row.slot]
         if is_followed(lines[j], own, now):
             n += 1
-            squares += own[REFLECTION] * own[REFLECTION]
+            squares += beyond_slow_error(own, row)
             noise += own[REFLECTION_VARIANCE] * lines[j].variance[PSEUDORANGE]
     if n == 0:
         return
     of_all = (squares - noise * (1.0 + _SIGMAS * math.sqrt(2.0 / max(n - UNKNOWNS, 1)))) / n
     for j in range(count):
-        own = memory[rows.observation[first + j].slot]
+        row = rows.observation[first + j]
+        own = memory[row.slot]
         if is_followed(lines[j], own, now):
             by_chance = _BY_CHANCE * own[REFLECTION_VARIANCE] * lines[j].variance[PSEUDORANGE]
-            beyond = max(own[REFLECTION] * own[REFLECTION] - by_chance, of_all, 0.0)
-            lines[j].reflection = math.copysign(math.sqrt(beyond), own[REFLECTION])
+            square = max(beyond_slow_error(own, row) - by_chance, of_all, 0.0)
+            lines[j].reflection = math.copysign(math.sqrt(square), own[REFLECTION])
+
+
+@kernel(inline=True)
+def beyond_slow_error(own: Float64, row: Observation) -> float:
+    """Return m^2 - s^2 [m^2]: how far a satellite's mean residual exceeds its stated slow error."""
+    return float(own[REFLECTION] * own[REFLECTION] - row.bias_sigma * row.bias_sigma)
 
 
 @kernel(inline=True)
