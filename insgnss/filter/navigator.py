@@ -266,6 +266,7 @@ class Navigator:
             mark_rows(out, rows, epoch, None)
             return 1
         self.bank = bank
+        bank.state["noise_excess"] = self.health.credit.excess
         self.started_ns = int(bank.head[0].now_ns)
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
@@ -303,7 +304,7 @@ class Navigator:
         """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
-        if self.trial is None and (code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns))):
+        if self.trial is None and self.health.is_due(bank, code, t_ns):
             self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
         elif code == PRUNE:
             self._prune()

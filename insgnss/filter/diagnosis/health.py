@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
+from insgnss.filter.diagnosis.inertial_credit import NEVER_NS, TRY_AGAIN, InertialCredit
+from insgnss.filter.diagnosis.jumps import GYRO
 from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.recovery import (
@@ -25,12 +27,13 @@ from insgnss.filter.diagnosis.recovery import (
     open_doubt,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
+from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, SENSORS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
 from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_words
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
-from insgnss.filter.loop import current_sample
+from insgnss.filter.loop import DONE, SUSPICION, current_sample
 from insgnss.filter.output.writing import Output
+from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.setup import FilterSetup
@@ -69,11 +72,13 @@ class FilterHealth:
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
     told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
+    credit: InertialCredit = field(default_factory=InertialCredit)
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
         doubt = None if self.doubt is None else self.doubt.copied()
-        return replace(self, resets_ns=list(self.resets_ns), doubt=doubt, told_ns=dict(self.told_ns))
+        resets_ns, told_ns = list(self.resets_ns), dict(self.told_ns)
+        return replace(self, resets_ns=resets_ns, doubt=doubt, told_ns=told_ns, credit=self.credit.copied())
 
     @property
     def banks(self) -> list[Bank]:
@@ -84,16 +89,20 @@ class FilterHealth:
         """Return up to which epoch the filter may run before its health is checked."""
         if self.doubt is not None:
             return epoch + 1
-        if not self.past.banks and len(bank.state) > 1:
+        due_ns = self.credit.retry_ns
+        if self.past.banks or len(bank.state) == 1:
+            due_ns = min(due_ns, self.past.due_ns)  # a stream keeps the filter then, too
+            if self.past.unclear_ns:
+                due_ns = min(due_ns, int(bank.head[0].doubted_ns))
+        elif due_ns == NEVER_NS:
             return last
-        due_ns = self.past.due_ns  # a stream keeps the filter then, too
-        if self.past.unclear_ns:
-            due_ns = min(due_ns, int(bank.head[0].doubted_ns))
         return min(max(int(np.searchsorted(rows.epoch_ns, due_ns)), epoch) + 1, last)
 
-    def is_due(self, bank: Bank, t_ns: int) -> bool:
-        """Return whether an undecided suspicion is due for a new check."""
-        return self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
+    def is_due(self, bank: Bank, code: int, t_ns: int) -> bool:
+        """Return whether the loop, stopped with ``code``, calls for a look at what has failed or has recovered."""
+        if code == SUSPICION or t_ns >= self.credit.retry_ns:
+            return True
+        return code == DONE and self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
     def forget(self) -> None:
         """Clear what concerns a filter that no longer exists."""
@@ -101,6 +110,9 @@ class FilterHealth:
 
     def suspect(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is that the satellites contradict the prediction."""
+        if t_ns >= self.credit.retry_ns:
+            self.credit.try_again(t_ns)
+            return Remedy(bank, [], TRY_AGAIN)
         if int(bank.state[0].stuck_since_ns) == t_ns:
             return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
         if bank.head[0].heading_open == 1:
@@ -126,7 +138,16 @@ class FilterHealth:
         verdict.bank.head[:] = bank.head
         verdict.bank.head["renewed_ns"] = t_ns
         self.doubt = None
+        if verdict.suspect in SENSORS:
+            par, db2 = parameters[0], sum(moved * moved for moved in verdict.moved)
+            density = par.gyro_density if verdict.suspect == GYRO else par.accel_density
+            if self.credit.is_lost_by_jump(t_ns, db2, density):
+                return self._distrust(bank, [event], t_ns, par)
         return Remedy(verdict.bank, [event])
+
+    def _distrust(self, bank: Bank, events: list[Event], t_ns: int, par: Parameters) -> Remedy:
+        """Restart with noise that explains the sensors' failures."""
+        return Remedy(bank, [*events, self.credit.event(t_ns, par)], "the inertial sensors are distrusted")
 
     def recover(
         self,
@@ -176,7 +197,7 @@ class FilterHealth:
             w_ib_b = imu.w_ib_b[current_sample(bank, imu)]  # the next one a stream does not have yet
             doubt = open_doubt(self.setup, bank, fix, w_ib_b, t_ns, reason)
             if is_lost(lines, fix) or is_elsewhere(doubt):
-                done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns)
+                done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns, parameters[0])
                 return done._replace(events=events + done.events)
             self.doubt = doubt
         return Remedy(bank, events)
@@ -220,7 +241,7 @@ class FilterHealth:
         remedy = self._second_look(bank, imu, t_ns, parameters)
         if remedy.bank is not bank:
             return remedy
-        done = self._set_right(bank, new_bank, doubt, t_ns)
+        done = self._set_right(bank, new_bank, doubt, t_ns, parameters[0])
         return done._replace(events=remedy.events + done.events)
 
     def _second_look(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
@@ -230,7 +251,9 @@ class FilterHealth:
         bank.head["doubted_ns"] = t_ns
         return self.suspect(bank, imu, t_ns, parameters)
 
-    def _set_right(self, bank: Bank, new_bank: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
+    def _set_right(
+        self, bank: Bank, new_bank: Bank, doubt: RecoveryTest, t_ns: int, par: Parameters
+    ) -> Remedy:
         """Replace the filter by the copy that the rows support; restart if that does not last."""
         health = self.setup.config.health
         self.past = self.past.forgotten()
@@ -238,6 +261,9 @@ class FilterHealth:
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
         self.resets_ns = [*recent, t_ns]
         moved_m = float(np.linalg.norm(new_bank.state["r_e"][0] - bank.state["r_e"][0]))
+        dv = new_bank.state["v_e"][0] - bank.state["v_e"][0]
+        if self.credit.is_lost_by_reset(t_ns, float(dv @ dv), par):
+            return self._distrust(bank, [], t_ns, par)
         if len(self.resets_ns) > health.heading_lost_resets:
             return Remedy(bank, [], f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
         if moved_m / WGS84_A_M > _WRONG_VERTICAL_RAD:  # by so much the vertical turns with the position
