@@ -10,9 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
-from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import Format, beginning
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver import LogDeclarations, ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from tests.log.ubx_writing import TOW_S, rawx
 from tests.small_run import small_run

@@ -20,8 +20,7 @@ PARTS = ("imu", "gnss", "reference")
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
-    from insgnss.log.declared import RtcmOrigin
-    from insgnss.log.receiver import ReceiverLog
+    from insgnss.log.receiver import ReceiverLog, RtcmOrigin
 
 
 def convert(
@@ -75,7 +74,7 @@ def convert(
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
-    from insgnss.log.declared import LogDeclarations
+    from insgnss.log.receiver import LogDeclarations
 
     with own_errors_told(), overwriting(force, inputs, output):
         declared = LogDeclarations(

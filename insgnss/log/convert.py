@@ -20,7 +20,6 @@ from insgnss.log.csv.writer import (
     write_reference_csv,
     write_samples_csv,
 )
-from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import Format, beginning, detect_format
 from insgnss.log.first_flight_file import (
     FIXES_FILE,
@@ -33,8 +32,8 @@ from insgnss.log.first_flight_file import (
 )
 from insgnss.log.gnss_log import with_files
 from insgnss.log.joined_logs import FormatLog, join_logs
-from insgnss.log.phone_states import states_beside
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.phone_satellites import states_beside
+from insgnss.log.receiver import LogDeclarations, ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.nav_writer import write_rinex_navigation
 from insgnss.results.saving import check_replaceable, check_writable, overwriting, saving

@@ -17,11 +17,10 @@ from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android.reader import read_android
 from insgnss.log.csv.columns import NOTHING_SHARED, FileColumns
-from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.navigation_span import check_navigation_time
-from insgnss.log.phone_states import states_beside
+from insgnss.log.overlap import check_navigation_time
+from insgnss.log.phone_satellites import states_beside, with_slots
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.navigation import read_navigation

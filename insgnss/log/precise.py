@@ -25,8 +25,8 @@ from insgnss.gnss.orbits.precise import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
+from insgnss.log.events import first_events
 from insgnss.log.files import file_text
-from insgnss.log.first_events import first_events
 from insgnss.log.rinex.states import NO_DATE
 from insgnss.tables import Event, Float64, Int64, PreciseProducts
 

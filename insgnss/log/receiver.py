@@ -1,8 +1,9 @@
-"""A receiver's own file: observations, broadcast messages, inertial samples, the receiver's own solution."""
+"""A receiver's own file: what its user declares of it, and its content as tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import datetime as dt
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,21 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.further_samples import FurtherSamples, most_samples
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
+
+RtcmOrigin = Literal["own", "base"]
+
+
+@dataclass(frozen=True)
+class LogDeclarations:
+    """The declarations for a conversion; values that are not declared come from the files if they state them."""
+
+    date: dt.date | None = None  # of the log's first epoch, for streams that do not say it
+    imu_scales: tuple[float, float] | None = None  # [rad, m/s] of one count of a NovAtel sensor
+    # part ("imu", "gnss", "reference") -> topic of a bag
+    topics: Mapping[str, str] = field(default_factory=dict)
+    # whose the RTCM measurements in another log are: this receiver's, or a base station's that corrects it
+    rtcm: RtcmOrigin | None = None
+
 
 SolutionFrom = Literal["satellites", "filter", "truth"]
 

@@ -12,12 +12,11 @@ from typing import Final
 from insgnss.errors import InputError, TimeError
 from insgnss.gpstime import ns_to_utc
 from insgnss.log.android.reader import read_android
-from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format
 from insgnss.log.files import file_buffer
 from insgnss.log.nmea import read_nmea
 from insgnss.log.novatel.reader import read_novatel
-from insgnss.log.receiver import ReceiverLog, no_measurements
+from insgnss.log.receiver import LogDeclarations, ReceiverLog, no_measurements
 from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.log.rosbag.reader import read_rosbag
 from insgnss.log.rtcm.origin import judged_origin

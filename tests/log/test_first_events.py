@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from insgnss.log.first_events import MAX_EVENTS_EACH, first_events, shortened
+from insgnss.log.events import MAX_EVENTS_EACH, first_events, shortened
 from insgnss.tables import Event
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import satellite_states
-from insgnss.log.glonass_slots import with_slots
+from insgnss.log.phone_satellites import with_slots
 from insgnss.log.satellites import channel_of_name, normalised_name
 from insgnss.tables import Float64, GnssTable, NavigationData, StateVectorTable
 from tests.gnss.broadcast_sample import TOE_NS, navigation_table, observations

@@ -7,9 +7,7 @@ import math
 import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.log.messages.beidou import information_bits
-from insgnss.log.messages.beidou_d1 import D1Messages
-from insgnss.log.messages.beidou_d2 import D2Messages
+from insgnss.log.messages.beidou import D1Messages, D2Messages, information_bits
 from insgnss.log.messages.broadcast import Broadcast
 from insgnss.tables import NavigationData
 from tests.log.ubx_writing import Bits

@@ -8,9 +8,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.log.messages.broadcast import Broadcast
-from insgnss.log.messages.galileo import sisa_m
-from insgnss.log.messages.galileo_fnav import FnavMessages
-from insgnss.log.messages.galileo_inav import InavMessages
+from insgnss.log.messages.galileo import FnavMessages, InavMessages, sisa_m
 from insgnss.tables import EphemerisTable
 from tests.log.ubx_writing import Bits, crc24q
 

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
-from insgnss.log.navigation_span import check_navigation_time
+from insgnss.log.overlap import check_navigation_time
 from insgnss.tables import NavigationData
 from tests.gnss.broadcast_sample import TOE_NS, WEEK, navigation_table
 from tests.gnss.glonass_sample import FIRST_NS, glonass_navigation

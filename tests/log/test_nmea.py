@@ -20,11 +20,10 @@ from insgnss.errors import InputError, TimeError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import ns_to_week_seconds, utc_to_ns
 from insgnss.log.convert import convert
-from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.nmea import read_nmea
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver import LogDeclarations, ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.report.nmea import as_nmea

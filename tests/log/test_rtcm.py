@@ -20,10 +20,9 @@ from insgnss.cli.main import app
 from insgnss.errors import InputError, InsGnssError, TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.convert import convert
-from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver import LogDeclarations, ReceiverLog
 from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.rtcm.reader import read_rtcm

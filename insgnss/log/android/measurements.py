@@ -22,8 +22,12 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_DAY, NS_PER_MS, NS_PER_S, NS_PER_WEEK
 from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
-from insgnss.log.android.ambiguous import whole_milliseconds
-from insgnss.log.android.clock import ReceiverClock, corrected_by_satellites, receiver_clock
+from insgnss.log.android.clock import (
+    ReceiverClock,
+    corrected_by_satellites,
+    receiver_clock,
+    whole_milliseconds,
+)
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
 from insgnss.log.satellites import channel_of_name

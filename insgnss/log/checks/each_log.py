@@ -17,13 +17,11 @@ from insgnss.log.checks.imu import imu_findings
 from insgnss.log.checks.report import CheckReport, Finding, Proposal, from_events
 from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight
-from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_log import missing_navigation, read_receiver, with_files
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.log.imu.frozen import DEAD
-from insgnss.log.navigation_span import check_navigation_time
-from insgnss.log.overlap import check_overlap, epochs_outside
-from insgnss.log.phone_states import states_beside
+from insgnss.log.overlap import check_navigation_time, check_overlap, epochs_outside
+from insgnss.log.phone_satellites import states_beside, with_slots
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable

@@ -22,7 +22,7 @@ from insgnss.log.csv.cell_advice import date_advice, number_advice
 from insgnss.log.csv.cells import EMPTY_CELLS, are_foreign, floats, foreign_advice, integers
 from insgnss.log.csv.columns import ColumnSelection, CsvRows, text_column
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
-from insgnss.log.first_events import first_events
+from insgnss.log.events import first_events
 from insgnss.tables import Bool, Event, Float64, Int64
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is

@@ -19,7 +19,7 @@ from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
-from insgnss.log.first_events import first_events
+from insgnss.log.events import first_events
 from insgnss.tables import Bool, Event, Int64
 
 NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}

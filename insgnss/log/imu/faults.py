@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
-from insgnss.log.first_events import shortened
+from insgnss.log.events import shortened
 from insgnss.tables import Event, Float64, Int64, stretches_of
 from insgnss.units import RAD_PER_DEG
 

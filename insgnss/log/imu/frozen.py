@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.first_events import shortened
+from insgnss.log.events import shortened
 from insgnss.log.imu.faults import SensorTriad
 from insgnss.tables import Bool, Event, Float64, Int64, stretches_of
 from insgnss.units import RAD_PER_DEG

@@ -10,7 +10,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import TimeError
-from insgnss.log.first_events import shortened
+from insgnss.log.events import shortened
 from insgnss.tables import Event, Int64, stretches_of
 
 IMU_GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...

@@ -26,6 +26,27 @@ def power(exponent: int) -> float:
     return math.ldexp(1.0, exponent)
 
 
+# Elements of an orbit, which all systems send with the same bits and scales: bits, scale, two's complement
+_ELEMENTS: Final = {
+    **{name: (32, angle(-31), True) for name in ("m0", "i0", "omega0", "omega")},
+    **{"e": (32, power(-33), False), "sqrt_a": (32, power(-19), False), "delta_n": (16, angle(-43), True)},
+    **{"omega_dot": (24, angle(-43), True), "idot": (14, angle(-43), True)},
+}
+
+
+def orbit_fields(names: str, *, bits: int, angles: int, radii: int) -> tuple[Field, ...]:
+    """Return fields of an orbit, elements and harmonics, in the order of their names ("m0 cuc crs").
+
+    Parameters
+    ----------
+    bits : of each harmonic of the system
+    angles, radii : exponents of two of the scales of cuc, cus, cic, cis [rad] and of crc, crs [m]
+    """
+    harmonics = {name: (bits, power(angles), True) for name in ("cuc", "cus", "cic", "cis")}
+    harmonics |= {name: (bits, power(radii), True) for name in ("crc", "crs")}
+    return tuple(Field(name, *(_ELEMENTS | harmonics)[name]) for name in names.split())
+
+
 def unsigned(message: int, length: int, start: int, bits: int) -> int:
     """Return ``bits`` bits of a message of ``length`` bits, from bit ``start`` on (0 is sent first)."""
     return message >> (length - start - bits) & ((1 << bits) - 1)

@@ -6,10 +6,11 @@ A subframe comes as 240 bits: ten words of 24 data bits, inversion undone and pa
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Final
 
 from insgnss.constants import S_PER_WEEK
-from insgnss.log.messages.bits import Field, angle, joined, power, twos_complement, unpack, unsigned
+from insgnss.log.messages.bits import Field, joined, orbit_fields, power, twos_complement, unpack, unsigned
 from insgnss.log.messages.broadcast import (
     ELEMENTS,
     TIME_AGREES_NS,
@@ -40,30 +41,14 @@ _CLOCK: Final = (
     Field("af1", 16, power(-43), True),
     Field("af0", 22, power(-31), True),
 )
+_orbit = partial(orbit_fields, bits=16, angles=-29, radii=-5)
 _ORBIT_1: Final = (
-    Field("", _HEADER),
-    Field("iode", 8),
-    Field("crs", 16, power(-5), True),
-    Field("delta_n", 16, angle(-43), True),
-    Field("m0", 32, angle(-31), True),
-    Field("cuc", 16, power(-29), True),
-    Field("e", 32, power(-33)),
-    Field("cus", 16, power(-29), True),
-    Field("sqrt_a", 32, power(-19)),
-    Field("toe_sow_s", 16, power(4)),
-    Field("fit", 1),
+    *(Field("", _HEADER), Field("iode", 8), *_orbit("crs delta_n m0 cuc e cus sqrt_a")),
+    *(Field("toe_sow_s", 16, power(4)), Field("fit", 1)),
 )
 _ORBIT_2: Final = (
-    Field("", _HEADER),
-    Field("cic", 16, power(-29), True),
-    Field("omega0", 32, angle(-31), True),
-    Field("cis", 16, power(-29), True),
-    Field("i0", 32, angle(-31), True),
-    Field("crc", 16, power(-5), True),
-    Field("omega", 32, angle(-31), True),
-    Field("omega_dot", 24, angle(-43), True),
-    Field("iode", 8),
-    Field("idot", 14, angle(-43), True),
+    *(Field("", _HEADER), *_orbit("cic omega0 cis i0 crc omega omega_dot"), Field("iode", 8)),
+    *_orbit("idot"),
 )
 _SCALES: Final = (power(-30), power(-27), power(-24), power(-24), 2.0**11, 2.0**14, 2.0**16, 2.0**16)
 KLOBUCHAR: Final = tuple(Field(f"k{i}", 8, scale, True) for i, scale in enumerate(_SCALES))

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from insgnss.constants import NS_PER_MS, NS_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.framing_events import framing_events
+from insgnss.log.events import framing_events
 from insgnss.tables import Event
 
 SYNC: Final = b"\xaa\x44"

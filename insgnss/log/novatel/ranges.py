@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import B1I_HZ, CHANNEL_OFFSET, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
-from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.files import records
-from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.gnss_rows import in_time_order, slipped_rows
 from insgnss.log.novatel.frames import Frame, NovatelFrames
 from insgnss.log.novatel.signals import SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
 from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64

@@ -17,12 +17,21 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.novatel.frames import frames_in
-from insgnss.log.novatel.heading import HEADING2, HEADING_OF_OLD, headings
 from insgnss.log.novatel.imu import EXTENDED, INSCONFIG, PLAIN, imu_table
 from insgnss.log.novatel.navigation import DECODED, IONUTC, RAW, broadcast
 from insgnss.log.novatel.ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2, measurements
 from insgnss.log.novatel.rewritten import rewritten
-from insgnss.log.novatel.solution import BESTPOS, BESTVEL, BESTXYZ, INSPVA, INSPVAX, solution
+from insgnss.log.novatel.solution import (
+    BESTPOS,
+    BESTVEL,
+    BESTXYZ,
+    HEADING2,
+    HEADING_OF_OLD,
+    INSPVA,
+    INSPVAX,
+    headings,
+    solution,
+)
 from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.tables import Event
 

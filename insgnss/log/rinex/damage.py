@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from insgnss.log.rinex.tabs import without_tabs
-from insgnss.log.rinex.text import EPOCH_2, EPOCH_3, LABEL_COLUMN, ObservationText, version_of
+from insgnss.log.rinex.text import EPOCH_2, EPOCH_3, LABEL_COLUMN, ObservationText, version_of, without_tabs
 from insgnss.tables import Event
 
 # RINEX 2.11, table A2; RINEX 3.05, table A3: each observation is F14.3, I1, I1

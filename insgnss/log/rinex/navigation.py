@@ -20,7 +20,7 @@ from insgnss.errors import NavigationDataError
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
-from insgnss.log.first_events import first_events
+from insgnss.log.events import first_events
 from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
 from insgnss.log.rinex.states import (
@@ -30,8 +30,7 @@ from insgnss.log.rinex.states import (
     read_state_vectors,
     state_vector_table,
 )
-from insgnss.log.rinex.tabs import without_tabs
-from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, version_of
+from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, version_of, without_tabs
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {

@@ -15,7 +15,7 @@ from insgnss.errors import InputError
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
-from insgnss.log.first_events import first_events
+from insgnss.log.events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.damage import (
     DamagedCell,

@@ -13,7 +13,7 @@ import numpy as np
 
 from insgnss.gpstime import nearest
 from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference, stated_sigmas
-from insgnss.log.rosbag.topic import Decoded, Topic, stamps
+from insgnss.log.rosbag.mcap_file import Decoded, Topic, stamps
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 NAVSATFIX: Final = "sensor_msgs/msg/NavSatFix"

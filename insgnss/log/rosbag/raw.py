@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from insgnss.errors import InputError
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rosbag.topic import Topic
+from insgnss.log.rosbag.mcap_file import Topic
 from insgnss.log.rtcm.reader import read_rtcm_bytes
 from insgnss.log.ubx.frames import SYNC
 from insgnss.log.ubx.messages import SFRBX

@@ -18,13 +18,11 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from insgnss.errors import InputError
-from insgnss.log.declared import RtcmOrigin
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
-from insgnss.log.receiver import ReceiverLog, SolutionFrom, assembled
+from insgnss.log.receiver import ReceiverLog, RtcmOrigin, SolutionFrom, assembled
 from insgnss.log.rosbag.fixes import GPSFIX, NAVSATFIX, fixes
-from insgnss.log.rosbag.mcap_file import read_topics
+from insgnss.log.rosbag.mcap_file import Topic, read_topics, stamps
 from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_rtcm, is_stream, raw_log
-from insgnss.log.rosbag.topic import Topic, stamps
 from insgnss.log.rtcm.origin import judged_origin
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable, ReferenceTable

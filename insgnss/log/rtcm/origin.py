@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 import pymap3d
 
-from insgnss.log.declared import RtcmOrigin
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver import ReceiverLog, RtcmOrigin
 from insgnss.tables import Event, ReferenceTable
 
 SAME_ANTENNA_M: Final = 50.0  # a receiver alone errs by less; a base is seldom so near

@@ -16,8 +16,8 @@ from typing import Any
 
 from insgnss.errors import InputError, TimeError
 from insgnss.gnss import sidereon_on_demand as sidereon
+from insgnss.log.events import first_events
 from insgnss.log.files import file_buffer
-from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rtcm.navigation import EPHEMERIDES, broadcast, stated_channels

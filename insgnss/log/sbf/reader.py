@@ -32,11 +32,9 @@ from insgnss.log.sbf.blocks import (
     missed_measurements,
     time_known,
 )
-from insgnss.log.sbf.fixes import fixes, name_of_fixes
-from insgnss.log.sbf.heading import headings
 from insgnss.log.sbf.measurements import measurements
 from insgnss.log.sbf.navigation import broadcast
-from insgnss.log.sbf.solution import solution
+from insgnss.log.sbf.solution import fixes, headings, name_of_fixes, solution
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable
 

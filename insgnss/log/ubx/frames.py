@@ -21,8 +21,8 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.log.events import framing_events
 from insgnss.log.files import file_buffer
-from insgnss.log.framing_events import framing_events
 from insgnss.tables import Event
 
 SYNC: Final = b"\xb5\x62"

@@ -13,18 +13,14 @@ from typing import Final
 import numpy as np
 
 from insgnss.gnss.signals import CHANNEL_OFFSET
-from insgnss.log.messages.beidou import beidou_message, information_bits
-from insgnss.log.messages.beidou_d1 import D1Messages
-from insgnss.log.messages.beidou_d2 import D2Messages
+from insgnss.log.messages.beidou import D1Messages, D2Messages, beidou_message, information_bits
 from insgnss.log.messages.bits import joined
 from insgnss.log.messages.broadcast import Broadcast
-from insgnss.log.messages.galileo_fnav import FnavMessages
-from insgnss.log.messages.galileo_inav import InavMessages
+from insgnss.log.messages.galileo import FnavMessages, InavMessages
 from insgnss.log.messages.glonass_strings import GlonassMessages
 from insgnss.log.messages.gps_lnav import LnavMessages, data_bits
 from insgnss.log.ubx.frames import UbxFrames
-from insgnss.log.ubx.legacy import add_legacy_subframes
-from insgnss.log.ubx.observations import SYSTEMS, satellite_name
+from insgnss.log.ubx.observations import SYSTEMS, add_legacy_subframes, satellite_name
 from insgnss.tables import Event, Int64
 
 SFRBX: Final = 0x0213

@@ -21,9 +21,16 @@ from insgnss.gpstime import LATEST_WEEK, leap_seconds
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.ubx.frames import UbxFrames, find_frames, frames_in
 from insgnss.log.ubx.imu import MEAS, RAW, imu_table
-from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
-from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
+from insgnss.log.ubx.observations import (
+    RAW_LEGACY,
+    RAWX,
+    SFRB,
+    RawEpochs,
+    legacy_epochs,
+    observation_table,
+    raw_epochs,
+)
 from insgnss.log.ubx.solution import (
     DATE_AND_TIME_VALID,
     HPPOSLLH,

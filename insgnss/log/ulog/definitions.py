@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from insgnss.errors import InputError
-from insgnss.log.first_events import shortened
+from insgnss.log.events import shortened
 from insgnss.tables import Event
 
 _HEADER: Final = 16

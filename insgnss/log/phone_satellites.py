@@ -1,6 +1,6 @@
-"""Which GLONASS satellite is behind a frequency channel, for phones that log nothing but the channel.
+"""Rows of a phone's log completed by messages: GLONASS satellites known by their channel, and satellite states.
 
-Two satellites share a channel, on opposite sides of the Earth: at most one of them is in view. The
+Two GLONASS satellites share a channel, on opposite sides of the Earth: at most one of them is in view. The
 receiver lies in the mean direction of the satellites that its log names, within some 30 deg; a satellite in view is
 less than 76 deg from the receiver's zenith as seen from the Earth's centre, its antipode more than 104 deg.
 """
@@ -12,10 +12,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
-from insgnss.gnss.orbits.satellite_state import satellite_states
+from insgnss.gnss.orbits.satellite_state import satellite_states, status_of_given
 from insgnss.log.satellites import channel_of_name
 from insgnss.status import USED
 from insgnss.tables import Bool, Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable
@@ -102,3 +103,31 @@ def _in_view(states: StateVectorTable, channel: int, t_ns: int, zenith: Float64)
     if not ranked or ranked[0][1] <= 0.0 or (len(ranked) > 1 and ranked[0][1] - ranked[1][1] < _CLEAR):
         return None
     return ranked[0][0]
+
+
+def states_beside(
+    gnss: GnssTable, navigation: NavigationData | None, products: bool = False
+) -> tuple[GnssTable, list[Event]]:
+    """Return a phone's log with its own satellite states where no message serves the row; an event tells how many.
+
+    Orbits of messages are better known than those that a phone computed, and have a group delay for each signal.
+    Products replace all of them.
+    """
+    if gnss.sat is None or not (products or (navigation is not None and navigation.has_messages)):
+        return gnss, []
+    served = np.ones(len(gnss.t_ns), np.bool_)
+    if not products:
+        served = satellite_states(replace(gnss, sat=None), navigation).message >= 0
+    kept = ~served & (status_of_given(gnss.sat) == USED)
+    if not kept.any():
+        detail = f"the phone's satellite states are not used: {'products' if products else 'messages'} replace them"
+        return replace(gnss, sat=None), [Event(None, "satellite_states_not_used", detail)]
+    systems = np.array([name[0] for name in gnss.sv_names], "U1")[gnss.sv]
+    detail = f"the phone's satellite states are used in rows without a message: {_by_system(systems[kept])}"
+    sat = np.where(kept[:, None], gnss.sat, np.nan)
+    return replace(gnss, sat=sat), [Event(None, "satellite_states_beside", detail)]
+
+
+def _by_system(systems: npt.NDArray[np.str_]) -> str:
+    letters, counts = np.unique(systems, return_counts=True)
+    return ", ".join(f"{n} rows of {letter}" for letter, n in zip(letters, counts, strict=True))
