@@ -27,6 +27,7 @@ from insgnss.constants import NS_PER_DAY, NS_PER_S
 from insgnss.errors import InputError, TimeError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import utc_to_ns
+from insgnss.log.events import counted, in_file, listed, listing
 from insgnss.log.files import file_buffer
 from insgnss.log.own_solution import distinct_rows, not_independent, on_earth, own_reference, stated_sigmas
 from insgnss.log.receiver import ReceiverLog, no_measurements
@@ -88,7 +89,7 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
         _add_file(file_buffer(path).to_pybytes(), sentences)
     fixes = [epoch for epoch in sentences.epochs if epoch.place is not None]
     if len(fixes) < 2:
-        others = ", ".join(f"{n} GGA state a place that is {what}" for what, n in sentences.no_fixes.items())
+        others = listing({f"GGA state a place that is {what}": n for what, n in sentences.no_fixes.items()})
         advice = "log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements"
         if others:
             advice = (
@@ -274,20 +275,18 @@ def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> In
 
 
 def _events(sentences: _Sentences, by_model: int, file: str) -> list[Event]:
-    counts = (
-        ("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),
-        (
-            "nmea_unchecked",
-            sentences.unchecked,
-            "sentences without a check sum read: damage that leaves them whole stays unnoticed; have the receiver or"
-            " logger write check sums",
-        ),
-        ("nmea_no_fix", sentences.without_fix, "sentences without a time or a fix of satellites left out"),
-        ("nmea_damaged", sentences.damaged, "sentences with a wrong check sum, cut or unreadable left out"),
+    unchecked = (
+        "sentences without a check sum read: damage that leaves them whole stays unnoticed; have the receiver or"
+        " logger write check sums"
     )
-    events = [not_independent("GGA and RMC, the receiver's fixes")]
-    events += [Event(None, kind, f"{count} {what}") for kind, count, what in counts if count]
-    if sentences.others:
-        listed = ", ".join(f"{n} {kind}" for kind, n in sorted(sentences.others.items()))
-        events.append(Event(None, "nmea_not_used", f"sentences not read: {listed}"))
-    return [Event(None, event.kind, f"{file}: {event.detail}") for event in events]
+    without = "sentences without a time or a fix of satellites left out"
+    damaged = "sentences with a wrong check sum, cut or unreadable left out"
+    events = [
+        not_independent("GGA and RMC, the receiver's fixes"),
+        *counted("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),
+        *counted("nmea_unchecked", sentences.unchecked, unchecked),
+        *counted("nmea_no_fix", sentences.without_fix, without),
+        *counted("nmea_damaged", sentences.damaged, damaged),
+        *listed("nmea_not_used", "sentences not read", dict(sorted(sentences.others.items()))),
+    ]
+    return in_file(file, events)

@@ -51,20 +51,23 @@ def stated_sigmas(sigma: Float64) -> Float64:
 def own_reference(
     t_ns: Int64,
     place: Float64,
-    sigma: Float64,
+    sigma: Float64 | None,
     *,
     velocity: Float64 | None = None,
     attitude: Float64 | None = None,
+    quality: Float64 | None = None,
 ) -> ReferenceTable:
-    """Return a solution's rows (n,) as a reference of quality ``OWN_SOLUTION``.
+    """Return a solution's rows (n,) as a reference.
 
     Parameters
     ----------
     place : (n, 3) latitude, longitude [deg], height [m]
     sigma : (n, 9) as in ``ReferenceTable``
     velocity, attitude : (n, 3) north, east, down [m/s] and roll, pitch, yaw [deg]; NaN when None
+    quality : (n,), ``OWN_SOLUTION`` when None
     """
-    unknown, quality = np.full(place.shape, np.nan), np.full(len(place), OWN_SOLUTION)
+    unknown = np.full(place.shape, np.nan)
+    quality = np.full(len(place), OWN_SOLUTION) if quality is None else quality
     v_n, rpy_deg = (unknown if values is None else values for values in (velocity, attitude))
     lat_deg, lon_deg, h_m = place.T
     return ReferenceTable(t_ns, lat_deg, lon_deg, h_m, v_n, rpy_deg, quality, sigma)

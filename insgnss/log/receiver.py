@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from insgnss.errors import InputError
+from insgnss.log.events import in_file
 from insgnss.log.further_samples import FurtherSamples, most_samples
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
@@ -104,7 +105,7 @@ def assembled(
             advice=advice,
         )
     samples, more_events = most_samples(further)
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in (*events, *more_events)]
+    named = in_file(path, [*events, *more_events])
     if raw is None:
         return ReceiverLog(no_measurements(), None, imu, named, solution, further=samples)
     return ReceiverLog(raw.gnss, raw.navigation, imu, named + raw.events, solution, further=samples)

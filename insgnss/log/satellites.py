@@ -30,6 +30,11 @@ _NAME: Final = re.compile(r"([A-Za-z]+)[ _-]?0*(\d{1,3})")
 _NUMBER: Final = re.compile(r"(?:PRN[ _-]?)?0*(\d{1,3})(?:\.0*)?", re.IGNORECASE)
 
 
+def rinex_name(system: str, number: int) -> str:
+    """Return the name of a constellation's satellite ("G05"), "" where the constellation has no such number."""
+    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER.get(system, 0) else ""
+
+
 def normalised_name(text: str) -> str | None:
     """Return the satellite's name as RINEX 3 writes it ("g5", "G 5", "GPS-05" -> "G05"), None when it cannot be one."""
     match = _NAME.fullmatch(text.strip().strip("\"'").strip())
@@ -47,10 +52,9 @@ def numbered_name(system: str, number: int) -> str | None:
     first, taken_off = OTHER_NUMBERS.get(system, (0, 0))
     if taken_off and number >= first:
         number -= taken_off  # S120 -> S20
-    if system not in MAX_NUMBER:
-        return None
     name = f"{system}{number:02d}"
-    return name if 1 <= number <= MAX_NUMBER[system] or channel_of_name(name) is not None else None
+    is_known = rinex_name(system, number) or (system == "R" and channel_of_name(name) is not None)
+    return name if is_known else None
 
 
 def bare_number(text: str) -> int | None:

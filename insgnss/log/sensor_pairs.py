@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.constants import NS_PER_S
+from insgnss.log.events import counted
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
 # Gap of the accelerometer across which it is interpolated: phones sample every 2.5 to 20 ms; of slower ones (200 ms is
@@ -47,9 +48,8 @@ def paired(
     step_s = float(np.median(np.diff(accel_ns))) / NS_PER_S if len(accel_ns) > 1 else 0.0
     longest_s = max(LONGEST_GAP_S, min(MOST_STEPS * step_s, LONGEST_OF_ALL_S))
     kept = inside & (span_ns <= longest_s * NS_PER_S)
-    if not kept.all():
-        detail = f"{source}: {int((~kept).sum())} angular rate(s) without a specific force near enough in time left out"
-        events.append(Event(None, "imu_unpaired", detail))
+    what = "angular rate(s) without a specific force near enough in time left out"
+    events += counted("imu_unpaired", ~kept, what, source)
     if not kept.any():
         return None, events
     share = np.where(span_ns > 0, (gyro_ns - accel_ns[left]) / np.maximum(span_ns, 1), 0.0)[kept, None]
@@ -60,11 +60,8 @@ def paired(
 def _rising(t_ns: Int64, values: Float64, what: str, events: list[Event]) -> tuple[Int64, Float64]:
     """Return the finite samples in the order of time, of those with the same time the first."""
     finite = np.isfinite(values).all(axis=1)
-    if not finite.all():
-        events.append(
-            Event(None, "imu_not_finite", f"{what}: {int((~finite).sum())} sample(s) that are not a number")
-        )
-        t_ns, values = t_ns[finite], values[finite]
+    events += counted("imu_not_finite", ~finite, "sample(s) that are not a number", what)
+    t_ns, values = t_ns[finite], values[finite]
     if not len(t_ns) or (np.diff(t_ns) > 0).all():
         return t_ns, values
     unique, first = np.unique(t_ns, return_index=True)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from insgnss.cli.convert import convert as command
 from insgnss.errors import ConfigError, InputError
-from insgnss.log.android.coefficients import COLUMNS
+from insgnss.log.android.reader import COEFFICIENTS
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_csv import read_gnss
@@ -164,7 +164,7 @@ def test_satellite_states_of_a_phone_are_written_where_no_message_serves(tmp_pat
 
 def test_coefficients_of_a_phone_are_written_with_its_states(tmp_path: Path) -> None:
     names = [f"SvPositionEcef{a}Meters" for a in "XYZ"] + [f"SvVelocityEcef{a}MetersPerSecond" for a in "XYZ"]
-    names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond", *COLUMNS]
+    names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond", *COEFFICIENTS]
     header = ANDROID_HEADER.replace(
         ",ChipsetElapsedRealtimeNanos", ",ChipsetElapsedRealtimeNanos," + ",".join(names)
     )

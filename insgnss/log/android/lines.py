@@ -22,6 +22,7 @@ from pyarrow import csv
 
 from insgnss.constants import NS_PER_MS
 from insgnss.gpstime import UNIX_TO_GPS_S, unix_to_gps_ns
+from insgnss.log.events import counted
 from insgnss.tables import Bool, Event, Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
@@ -221,6 +222,4 @@ def _table(texts: list[str], width: int) -> tuple[Any, int]:
 
 def refused_lines(kind: str, table: AndroidCells) -> list[Event]:
     """Return the event of the lines that ``cells`` refused, none where there were none."""
-    if not table.refused:
-        return []
-    return [Event(None, "bad_row", f"{table.refused} {kind} line(s) with a wrong number of cells refused")]
+    return counted("bad_row", table.refused, f"{kind} line(s) with a wrong number of cells refused")

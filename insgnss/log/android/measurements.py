@@ -30,6 +30,7 @@ from insgnss.log.android.clock import (
 )
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
+from insgnss.log.events import listed
 from insgnss.log.satellites import channel_of_name
 from insgnss.tables import Bool, Event, Float64, GnssTable, Int8, Int64
 
@@ -66,7 +67,8 @@ def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Even
     measured = _measured(raw)
     plausible = (travel_ns > SHORTEST_NS) & (travel_ns < LONGEST_NS)
     kept = clock.known & identified
-    rounded, positive = _wrong_biases(raw)
+    rounded = _rounded(raw, "TimeNanos") | _rounded(raw, "FullBiasNanos")
+    positive = (raw.integers("FullBiasNanos")[0] > 0) & ~rounded
     sent_rounded = _rounded(raw, "ReceivedSvTimeNanos")
     events = clock.events + _told(
         "android_not_used",
@@ -121,22 +123,13 @@ def _other_codes(
         for name, one, text, keep in zip(names, signals, stated, kept.tolist(), strict=True)
         if keep and one is not None and text not in ("", one.code[-1])
     )
-    if not count:
-        return []
-    listed = ", ".join(f"{n} {what}" for what, n in sorted(count.items()))
-    detail = f"line(s) with a CodeType that their signal does not have, the usual code taken: {listed}"
-    return [Event(None, "android_code_type", detail)]
+    what = "line(s) with a CodeType that their signal does not have, the usual code taken"
+    return listed("android_code_type", what, dict(sorted(count.items())))
 
 
 def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
     parts = [f"{int(rows.sum())} {what}" for what, rows in groups if rows.any()]
     return [Event(None, kind, "; ".join(parts))] if parts else []
-
-
-def _wrong_biases(raw: AndroidCells) -> tuple[Bool, Bool]:
-    """Return the lines whose time or bias has lost its last digits, and other lines with a bias of the wrong sign."""
-    rounded = _rounded(raw, "TimeNanos") | _rounded(raw, "FullBiasNanos")
-    return rounded, (raw.integers("FullBiasNanos")[0] > 0) & ~rounded
 
 
 def _rounded(raw: AndroidCells, name: str) -> Bool:

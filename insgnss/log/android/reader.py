@@ -9,17 +9,19 @@ from typing import Final
 import numpy as np
 
 from insgnss.errors import InputError
-from insgnss.log.android.coefficients import coefficients
 from insgnss.log.android.fixes import fixes, unused_fixes
-from insgnss.log.android.lines import AndroidLines, cells, lines_by_kind, refused_lines
+from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, lines_by_kind, refused_lines
 from insgnss.log.android.measurements import measurements
 from insgnss.log.android.sensors import INERTIAL_KINDS, PhoneClock, further, inertial
+from insgnss.log.events import in_file, listed
 from insgnss.log.files import file_text
+from insgnss.log.messages.broadcast import Broadcast
 from insgnss.log.receiver import ReceiverLog, no_measurements
-from insgnss.tables import Event, GnssTable
+from insgnss.tables import Event, NavigationData
 
 # Forward, right, down of a phone that lies flat, its top ahead: its axes are x right, y to the top, z out of the screen
 _FLAT: Final = ("+y", "+x", "-z")
+COEFFICIENTS: Final = tuple(f"Klobuchar{part}{k}" for part in ("Alpha", "Beta") for k in range(4))
 # Without them no pseudorange can be computed
 _NEEDED: Final = ("FullBiasNanos", "Svid", "ReceivedSvTimeNanos")
 
@@ -61,7 +63,8 @@ def read_android(*paths: Path) -> ReceiverLog:
     fix_cells = cells(kinds.get("Fix", AndroidLines()))
     clock = PhoneClock(raw, receiver, fix_cells)
     imu, more_events = inertial(kinds, clock)
-    searched = bool(len(gnss.t_ns)) and not _holds_numbers(gnss)
+    measured = (gnss.pseudorange_m, gnss.doppler_hz, gnss.range_rate_mps)
+    searched = bool(len(gnss.t_ns)) and not any(np.isfinite(values).any() for values in measured)
     gnss = no_measurements() if searched else gnss
     if not len(gnss.t_ns) and imu is None:
         raise _nothing_used(path, events + more_events, lines, searched)
@@ -69,22 +72,27 @@ def read_android(*paths: Path) -> ReceiverLog:
     more_events += of_samples
     read = {"Raw", "Fix", *INERTIAL_KINDS, *(one.source for one in samples)}
     other = {kind: len(lines.texts) for kind, lines in kinds.items() if kind not in read and lines.texts}
-    if other:
-        listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
-        more_events.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
+    more_events += listed("android_lines_not_read", "lines of other kinds", dict(sorted(other.items())[:10]))
     solution = fixes(fix_cells)
     more_events += refused_lines("Fix", fix_cells) + unused_fixes(fix_cells, solution)
     files = ", ".join(map(str, paths))
-    named = [Event(e.t_ns, e.kind, f"{files}: {e.detail}") for e in events + more_events]
-    navigation = coefficients(raw)
-    return ReceiverLog(gnss, navigation, imu, named, solution, imu_axes=_FLAT, further=tuple(samples))
+    named = in_file(files, events + more_events)
+    return ReceiverLog(gnss, _ionosphere(raw), imu, named, solution, imu_axes=_FLAT, further=tuple(samples))
 
 
-def _holds_numbers(gnss: GnssTable) -> bool:
-    """Return whether a row has a pseudorange or a range rate."""
-    return any(
-        np.isfinite(values).any() for values in (gnss.pseudorange_m, gnss.doppler_hz, gnss.range_rate_mps)
-    )
+def _ionosphere(raw: AndroidCells) -> NavigationData | None:
+    """Return GPS's ionosphere coefficients, which newer phones repeat in each "Raw" line: those that most lines state.
+
+    Lines of constellations other than GPS may leave them empty or zero.
+    """
+    stated = np.stack([raw.decimals(name) for name in COEFFICIENTS], axis=1)
+    stated = stated[np.isfinite(stated).all(axis=1) & stated.any(axis=1)]
+    if not len(stated):
+        return None
+    distinct, count = np.unique(stated, axis=0, return_counts=True)
+    broadcast = Broadcast()
+    broadcast.ionosphere_of("gps", tuple(distinct[np.argmax(count)].tolist()))
+    return broadcast.navigation()
 
 
 def _nothing_used(path: Path, events: Sequence[Event], lines: AndroidLines, searched: bool) -> InputError:

@@ -19,6 +19,7 @@ from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.fixes import TIMES
 from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, refused_lines
+from insgnss.log.events import counted
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Bool, Event, Float64, ImuTable, Int64
@@ -111,9 +112,7 @@ def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTabl
         if kind == "UncalGyro":
             values, drift_events = _without_drift(table, values)
             events += drift_events
-        if not timed.all():
-            detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
-            events.append(Event(None, "imu_time_unknown", detail))
+        events += counted("imu_time_unknown", ~timed, "sample(s) without a time left out", kind)
         samples.append((t_ns[timed], values[timed]))
     imu, more_events = paired(*samples[0], *samples[1], "phone")
     return imu, events + more_events
@@ -187,15 +186,10 @@ def _elapsed_to_gps(elapsed: Int64, gps: Int64, usable: Bool) -> tuple[int, int,
     elapsed, gps = elapsed[rows], gps[rows]
     offset = (gps - elapsed) - (gps[0] - elapsed[0])
     since_s = (elapsed - elapsed[0]) / NS_PER_S
-    good = _without_outliers(offset.astype(np.float64))
+    away = np.abs(offset - np.median(offset))
+    good = away <= 5 * SIGMA_PER_MEDIAN * np.median(away) + NS_PER_MS  # five robust sigmas, and a millisecond
     rate, constant = 0.0, float(np.median(offset[good]))
     if np.ptp(since_s[good]) > _DRIFT_FITTED_FROM_S:
         slope, constant = np.polyfit(since_s[good], offset[good].astype(np.float64), 1)
         rate = float(slope) / NS_PER_S
     return int(elapsed[0]), int(gps[0]) + round(constant), rate
-
-
-def _without_outliers(values: Float64) -> Bool:
-    """Return which values lie within five robust sigmas of the median, and a millisecond."""
-    deviation = np.abs(values - np.median(values))
-    return np.asarray(deviation <= 5 * SIGMA_PER_MEDIAN * np.median(deviation) + NS_PER_MS)

@@ -27,7 +27,7 @@ from insgnss.gnss.signals import (
     S_HZ,
     signal_of,
 )
-from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER, SBAS_OFFSET
+from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, SBAS_OFFSET, rinex_name
 
 SYSTEMS: Final = {1: "G", 2: "S", 3: "R", 4: "J", 5: "C", 6: "E", 7: "I"}
 _QZSS_OFFSET: Final = 192
@@ -88,7 +88,7 @@ def satellite(constellation: int, svid: int) -> str | None:
     if system == "R" and svid - _CHANNEL_OFFSET in CHANNELS_IN_USE:
         return f"R{CHANNEL_NAME_ZERO + svid - _CHANNEL_OFFSET}"
     number = svid - (_QZSS_OFFSET if system == "J" else SBAS_OFFSET if system == "S" else 0)
-    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
+    return rinex_name(system, number) or None
 
 
 def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | None:

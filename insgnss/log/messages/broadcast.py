@@ -11,7 +11,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_DAY
 from insgnss.gpstime import BDT_TO_GPS_NS
-from insgnss.tables import EphemerisTable, Float64, NavigationData, StateVectorTable
+from insgnss.tables import EphemerisTable, Event, Float64, NavigationData, StateVectorTable
 
 # A message's own time and the receiver's time nearest to it in the log differ by less; else one has the wrong week
 TIME_AGREES_NS: Final = S_PER_DAY * NS_PER_S
@@ -92,6 +92,13 @@ class Broadcast:
         """Keep a system's coefficients, the first that are not all zero (zero means "not available")."""
         if any(coefficients):
             self.ionosphere.setdefault(system, coefficients)
+
+    def refused_events(self, file: object) -> list[Event]:
+        """Return the events of rejected messages, with counts."""
+        return [
+            Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
+            for reason, count in self.refused.items()
+        ]
 
     def navigation(self) -> NavigationData | None:
         """Return the gathered messages as tables, None without any."""

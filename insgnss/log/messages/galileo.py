@@ -49,6 +49,16 @@ def sisa_m(index: int) -> float:
     return 2.0 + (index - 100) * 0.16 if index <= 125 else math.nan
 
 
+def health_bits(
+    e1: tuple[int, int] = (0, 0), e5a: tuple[int, int] = (0, 0), e5b: tuple[int, int] = (0, 0)
+) -> float:
+    """Return the health as RINEX 3.05 writes it (table A8) of each signal's validity flag and health status."""
+    bits = 0
+    for place, (invalid, status) in ((0, e1), (3, e5a), (6, e5b)):
+        bits |= (int(invalid) | int(status) << 1) << place
+    return float(bits)
+
+
 def take(
     broadcast: Broadcast,
     sv: str,
@@ -56,7 +66,7 @@ def take(
     values: dict[str, float],
     near_ns: int | None,
     delays_s: tuple[float, float],
-    health: int,
+    health: float,
 ) -> None:
     """Add a complete message to ``broadcast``; ``values`` holds its fields, ``week`` and ``tow`` among them."""
     week = int(values["week"]) + GST_WEEK_OFFSET
@@ -67,7 +77,7 @@ def take(
         if abs(sent_ns - near_ns) > TIME_AGREES_NS:
             broadcast.refused[f"{message} message whose week contradicts the receiver time"] += 1
             return
-    stated = Stated(delays_s, float(health), sisa_m(int(values["sisa"])), values["iod"])
+    stated = Stated(delays_s, health, sisa_m(int(values["sisa"])), values["iod"])
     elements = tuple(values[name] for name in ELEMENTS)
     broadcast.keep(sv, message, stated, elements, values["toc"], sent_ns)
 
@@ -152,8 +162,8 @@ class InavMessages:
         values: dict[str, float] = {}
         for kind in _INAV_LAYOUTS:
             values |= words[kind][1]
-        health = int(values["e1_dvs"]) | int(values["e1_hs"]) << 1
-        health |= int(values["e5b_dvs"]) << 6 | int(values["e5b_hs"]) << 7  # bits as in RINEX 3.05, table A8
+        e1, e5b = ((int(values[f"{band}_dvs"]), int(values[f"{band}_hs"])) for band in ("e1", "e5b"))
+        health = health_bits(e1=e1, e5b=e5b)
         delays = (values["bgd_e5a"], values["bgd_e5b"])
         take(self._broadcast, sv, "INAV", values, near_ns, delays, health)
 
@@ -215,7 +225,7 @@ class FnavMessages:
         if len(pages) < len(_FNAV_LAYOUTS) or len({page["iod"] for page in pages.values()}) > 1:
             return
         values = pages[4] | pages[3] | pages[2] | pages[1]  # week and time of page 1
-        health = int(values["e5a_dvs"]) << 3 | int(values["e5a_hs"]) << 4  # bits as in RINEX 3.05, table A8
+        health = health_bits(e5a=(int(values["e5a_dvs"]), int(values["e5a_hs"])))
         take(self._broadcast, sv, "FNAV", values, near_ns, (values["bgd_e5a"], 0.0), health)
 
 

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from insgnss.constants import NS_PER_MS, NS_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.events import framing_events
+from insgnss.log.events import framing_events, listed
 from insgnss.tables import Event
 
 SYNC: Final = b"\xaa\x44"
@@ -67,12 +67,8 @@ class NovatelFrames:
         """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
         events = framing_events(self, "novatel", "message", "not NovAtel messages (NMEA, damage)", self.size)
         others = Counter({kind: len(frames) for kind, frames in self.frames.items() if kind not in known})
-        if others:
-            listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
-            events.append(
-                Event(None, "novatel_not_used", f"{self.path}: messages not read, by number: {listed}")
-            )
-        return events
+        by_number = {f"of {kind}": n for kind, n in others.most_common()}
+        return events + listed("novatel_not_used", "messages not read, by number", by_number, self.path)
 
 
 def check_sum(data: bytes | memoryview) -> int:

@@ -14,9 +14,10 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.novatel.frames import NovatelFrames
-from insgnss.tables import Event, Float64, ImuTable, Int64
+from insgnss.tables import Event, Float64, ImuTable
 from insgnss.units import RAD_PER_DEG
 
 PLAIN: Final = (268, 325)  # RAWIMU, RAWIMUS
@@ -76,10 +77,10 @@ def imu_table(
     scales, more_events = _scales(files, rows, declared, file)
     if scales is None or len(rows) < 2:
         return None, events + more_events
-    t_ns, first = np.unique(_times(rows), return_index=True)
-    if len(t_ns) < len(rows):
-        detail = f"{file}: {len(rows) - len(t_ns)} samples with a repeated time left out"
-        events.append(Event(None, "imu_repeated", detail))
+    tags = rows["week"].astype(np.int64) * NS_PER_WEEK + np.rint(rows["sow"] * NS_PER_S).astype(np.int64)
+    t_ns, first = np.unique(tags, return_index=True)
+    what = "samples with a repeated time left out"
+    events += counted("imu_repeated", len(rows) - len(t_ns), what, file)
     rows = rows[first]
     if len(t_ns) < 2:
         return None, events + more_events
@@ -103,20 +104,11 @@ def _sound(
         if "info" in (rows.dtype.names or ())
         else np.zeros(len(rows), bool)
     )
-    events = []
-    for count, kind, what in (
-        (int((~timed).sum()), "imu_time_unknown", "inertial sample(s) without a time left out"),
-        (int(faulty.sum()), "imu_faulty", "inertial sample(s) with an error status of the sensor left out"),
-    ):
-        if count:
-            events.append(Event(None, kind, f"{file}: {count} {what}"))
-    return rows[timed & ~faulty], events
-
-
-def _times(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Int64:
-    return np.asarray(
-        rows["week"].astype(np.int64) * NS_PER_WEEK + np.rint(rows["sow"] * NS_PER_S).astype(np.int64)
-    )
+    wrong = "inertial sample(s) with an error status of the sensor left out"
+    return rows[timed & ~faulty], [
+        *counted("imu_time_unknown", ~timed, "inertial sample(s) without a time left out", file),
+        *counted("imu_faulty", faulty, wrong, file),
+    ]
 
 
 def _scales(

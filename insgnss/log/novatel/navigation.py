@@ -19,7 +19,7 @@ from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import records
 from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.broadcast import ELEMENTS, Broadcast, Stated, StateVector, nearest_in_week
-from insgnss.log.messages.galileo import sisa_m
+from insgnss.log.messages.galileo import health_bits, sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
 from insgnss.log.novatel.frames import NovatelFrames
 from insgnss.log.novatel.signals import satellite_name
@@ -183,10 +183,7 @@ def _gps(messages: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]])
 
 
 def _galileo_both(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
-    health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
-    health |= int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
-    delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
-    stated = Stated(delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
+    stated = _galileo_stated(row, "e1", "e5a", "e5b")
     for kind in ("inav", "fnav"):
         if row[f"has_{kind}"]:
             clock = {name: float(row[f"{kind}_{name}"]) for name in ("af0", "af1", "af2", "toc")}
@@ -194,16 +191,20 @@ def _galileo_both(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str,
 
 
 def _inav(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
-    health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
-    delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
-    stated = Stated(delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
-    _take(messages, satellite_name("E", int(row["prn"])), "INAV", row, near_ns, stated, {})
+    sv = satellite_name("E", int(row["prn"]))
+    _take(messages, sv, "INAV", row, near_ns, _galileo_stated(row, "e1", "e5b"), {})
 
 
 def _fnav(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
-    health = int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
-    stated = Stated((float(row["bgd_e5a"]), 0.0), float(health), sisa_m(int(row["sisa"])), float(row["iod"]))
-    _take(messages, satellite_name("E", int(row["prn"])), "FNAV", row, near_ns, stated, {})
+    sv = satellite_name("E", int(row["prn"]))
+    _take(messages, sv, "FNAV", row, near_ns, _galileo_stated(row, "e5a"), {})
+
+
+def _galileo_stated(row: Any, *signals: str) -> Stated:
+    """Return what a message of Galileo states of these signals."""
+    health = health_bits(**{signal: (row[f"dvs_{signal}"], row[f"hs_{signal}"]) for signal in signals})
+    bgd_e5b = float(row["bgd_e5b"]) if "e5b" in signals else 0.0
+    return Stated((float(row["bgd_e5a"]), bgd_e5b), health, sisa_m(int(row["sisa"])), float(row["iod"]))
 
 
 def _beidou(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import B1I_HZ, CHANNEL_OFFSET, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
+from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.gnss_rows import in_time_order, slipped_rows
 from insgnss.log.novatel.frames import Frame, NovatelFrames
@@ -94,22 +95,15 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
 
 def _usable(frames: NovatelFrames, kind: int, seen: set[int]) -> tuple[list[Frame], list[Event]]:
     """Return the messages whose epochs are dated, of the primary antenna and new."""
-    events, chosen, counts = [], [], dict.fromkeys(("other", "undated"), 0)
-    for frame in frames.of(kind):
-        if frame.second:
-            counts["other"] += 1
-        elif frame.t_ns < 0:
-            counts["undated"] += 1
-        elif frame.t_ns not in seen:
-            chosen.append(frame)
-    for what, detail in (
-        ("other", "epoch(s) of the secondary antenna left out"),
-        ("undated", "epoch(s) before the receiver knew the time left out"),
-    ):
-        if counts[what]:
-            kind_name = "novatel_other_antenna" if what == "other" else "novatel_time_unknown"
-            events.append(Event(None, kind_name, f"{frames.path}: {counts[what]} {detail}"))
-    return chosen, events
+    found = frames.of(kind)
+    own = [frame for frame in found if not frame.second]
+    dated = [frame for frame in own if frame.t_ns >= 0]
+    undated, before = len(own) - len(dated), "epoch(s) before the receiver knew the time left out"
+    other, path = "epoch(s) of the secondary antenna left out", frames.path
+    return [frame for frame in dated if frame.t_ns not in seen], [
+        *counted("novatel_other_antenna", len(found) - len(own), other, path),
+        *counted("novatel_time_unknown", undated, before, path),
+    ]
 
 
 def _places(frames: NovatelFrames, chosen: list[Frame], size: int) -> tuple[Int64, Int64]:
@@ -263,10 +257,8 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
     )
     names = np.array([satellite_name(str(pair[0]), int(pair[1:])) for pair in pairs], "U3")[index]
     known = (names != "") & (rows.code != "")
-    events = []
-    if not known.all():
-        detail = f"{file}: {int((~known).sum())} measurements of unknown satellites or signals left out"
-        events.append(Event(None, "novatel_signal_unknown", detail))
+    what = "measurements of unknown satellites or signals left out"
+    events = counted("novatel_signal_unknown", ~known, what, file)
     has_range = (rows.status & _CODE_LOCK != 0) & (rows.range_m > 0.0) & (rows.range_m < _MOST_RANGE_M)
     has_phase = (rows.status & _PHASE_LOCK != 0) & np.isfinite(rows.cycles) & (np.abs(rows.cycles) < 1e12)
     has_doppler = (rows.status & (_PHASE_LOCK | _CODE_LOCK) != 0) & (np.abs(rows.doppler_hz) < 1e6)
@@ -274,15 +266,14 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
     _, once = np.unique(
         np.char.add(np.char.add(names, rows.code), rows.t_ns.astype("U20"))[usable], return_index=True
     )
-    if len(once) < len(usable):
-        detail = f"{file}: {len(usable) - len(once)} repeated measurements left out"
-        events.append(Event(None, "gnss_epoch_repeated", detail))
+    events += counted("gnss_epoch_repeated", len(usable) - len(once), "repeated measurements left out", file)
     usable = usable[np.sort(once)]
     if not len(usable):
         return None, events
     chosen, names = rows.keep(usable), names[usable]
     sv_names, sv = np.unique(names, return_inverse=True)
     codes, code = np.unique(chosen.code, return_inverse=True)
+    stated = {name: int(chosen.channel[names == name][-1]) for name in map(str, sv_names) if name[0] == "R"}
     phase = has_phase[usable]
     half_open = phase & (chosen.status & _PARITY_KNOWN == 0)
     order = np.lexsort((code, sv, chosen.t_ns))
@@ -298,7 +289,7 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
         tuple(map(str, codes)),
         carrier_cycles=np.where(phase, chosen.cycles, np.nan),
         lli=np.where(half_open, LLI_HALF_CYCLE, 0).astype(np.int8),
-        glonass_channels=_stated_channels(names, chosen.channel),
+        glonass_channels={name: channel for name, channel in stated.items() if channel in CHANNELS},
     ).take(order)
     assert table.lli is not None
     slips = slipped_rows(
@@ -310,11 +301,3 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
     table.lli[slips] |= LLI_SLIP
     table, reordered = in_time_order(table, file)
     return table, events + reordered
-
-
-def _stated_channels(names: npt.NDArray[Any], channel: Int64) -> dict[str, int]:
-    channels = {}
-    for name in np.unique(names):
-        if name[0] == "R":
-            channels[str(name)] = int(channel[names == name][-1])
-    return {name: k for name, k in channels.items() if k in CHANNELS}

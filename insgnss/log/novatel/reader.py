@@ -33,7 +33,6 @@ from insgnss.log.novatel.solution import (
     solution,
 )
 from insgnss.log.receiver import ReceiverLog, no_measurements
-from insgnss.tables import Event
 
 KNOWN: Final = frozenset(
     (
@@ -80,10 +79,7 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
     events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *more_events]
     events += [*left_out, *no_heading]
     events += [event for _, more_events in turned for event in more_events]
-    events += [
-        Event(None, "navigation_damaged", f"{paths[0]}: {count} x {reason}")
-        for reason, count in messages.refused.items()
-    ]
+    events += messages.refused_events(paths[0])
     if gnss is None and imu is None and own is None:
         reasons = ("imu_not_used", "novatel_compressed", "novatel_not_used")
         why = "; ".join(e.detail for e in events if e.kind in reasons)

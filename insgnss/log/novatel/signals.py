@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.satellites import rinex_name
 
 SYSTEMS: Final = "GRSECJI"  # bits 16 to 18 of the channel tracking status
 # First number of a constellation's satellites, what is taken from it to get the number of RINEX
@@ -40,7 +40,4 @@ SIGNALS_2: Final[dict[str, dict[int, str]]] = {
 def satellite_name(system: str, number: int) -> str:
     """Return the satellite's name ("R05"), "" when the number is none of its constellation."""
     first, taken_off = _NUMBERS.get(system, (0, 0))
-    if number < first or system not in MAX_NUMBER:
-        return ""
-    number -= taken_off
-    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
+    return rinex_name(system, number - taken_off) if number >= first else ""

@@ -17,10 +17,11 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.further_samples import HEADING, FurtherSamples, further_samples
 from insgnss.log.novatel.frames import NovatelFrames
-from insgnss.log.own_solution import distinct_rows, from_earth_axes, on_earth, stated_sigmas
+from insgnss.log.own_solution import distinct_rows, from_earth_axes, on_earth, own_reference, stated_sigmas
 from insgnss.tables import Bool, Event, Float64, Int64, ReferenceTable
 
 INSPVAX: Final = 1465
@@ -33,30 +34,12 @@ _INSPVAX: Final = np.dtype(
     [("status", "<u4"), ("kind", "<u4"), *_POSITION, ("undulation", "<f4"), *_MOTION, ("sigma", "<f4", (9,))]
 )
 _INSPVA: Final = np.dtype([("week", "<u4"), ("sow", "<f8"), *_POSITION, *_MOTION, ("status", "<u4")])
-_BESTPOS: Final = np.dtype(
-    [
-        ("status", "<u4"),
-        ("kind", "<u4"),
-        *_POSITION,
-        ("undulation", "<f4"),
-        ("", "<u4"),
-        ("sigma", "<f4", (3,)),
-    ]
-)
+_STATUS: Final = (("status", "<u4"), ("kind", "<u4"))
+_BESTPOS: Final = np.dtype([*_STATUS, *_POSITION, ("undulation", "<f4"), ("", "<u4"), ("sigma", "<f4", (3,))])
 _BESTVEL: Final = np.dtype(
-    [
-        ("status", "<u4"),
-        ("kind", "<u4"),
-        ("latency_s", "<f4"),
-        ("", "<f4"),
-        ("speed", "<f8"),
-        ("track", "<f8"),
-        ("vu", "<f8"),
-    ]
+    [*_STATUS, ("latency_s", "<f4"), ("", "<f4"), *((name, "<f8") for name in ("speed", "track", "vu"))]
 )
-_ALONG_EARTH_AXES: Final = np.dtype(
-    [("status", "<u4"), ("kind", "<u4"), ("xyz", "<f8", (3,)), ("sigma", "<f4", (3,))]
-)
+_ALONG_EARTH_AXES: Final = np.dtype([*_STATUS, ("xyz", "<f8", (3,)), ("sigma", "<f4", (3,))])
 _BESTXYZ: Final = np.dtype([("position", _ALONG_EARTH_AXES), ("velocity", _ALONG_EARTH_AXES)])
 _GOOD: Final = (3,)  # INS_SOLUTION_GOOD
 _USABLE: Final = (2, 6, 7)  # high variance, free of satellites, alignment complete: quality 2
@@ -68,11 +51,8 @@ def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, l
     for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False), (_bestxyz, False)):
         table, left_out = read(files)
         if table is not None:
-            events = []
-            if left_out:
-                detail = f"{files[0].path}: {left_out} row(s) of the receiver marked as no solution left out"
-                events.append(Event(None, "novatel_no_solution", detail))
-            return table, is_inertial, events
+            what = "row(s) of the receiver marked as no solution left out"
+            return table, is_inertial, counted("novatel_no_solution", left_out, what, files[0].path)
     return None, False, []
 
 
@@ -164,23 +144,16 @@ def _table(
     motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[chosen]
     if sigma is not None:
         sigma = stated_sigmas(sigma)[chosen]
-    lat_deg, lon_deg, h_m = place[chosen].T
-    table = ReferenceTable(
-        t_ns[chosen],
-        lat_deg,
-        lon_deg,
-        h_m,
-        motion[:, :3],
-        motion[:, 3:],
-        quality[chosen],
-        sigma,
+    v_n, rpy_deg = motion[:, :3], motion[:, 3:]
+    table = own_reference(
+        t_ns[chosen], place[chosen], sigma, velocity=v_n, attitude=rpy_deg, quality=quality[chosen]
     )
     return table, int((~usable).sum())
 
 
 HEADING2: Final = 1335
 HEADING_OF_OLD: Final = 971
-_LAYOUT: Final = np.dtype(
+_HEADING: Final = np.dtype(
     [
         *(("status", "<u4"), ("kind", "<u4"), ("length_m", "<f4"), ("heading", "<f4"), ("pitch", "<f4")),
         *(("", "<f4"), ("sigma", "<f4"), ("sigma_pitch", "<f4")),
@@ -196,22 +169,13 @@ def headings(files: list[NovatelFrames]) -> tuple[list[FurtherSamples], list[Eve
     """
     kind = HEADING2 if any(frames.of(HEADING2) for frames in files) else HEADING_OF_OLD
     name = "HEADING2" if kind == HEADING2 else "HEADING"
-    chosen = [[f for f in frames.of(kind) if f.length >= _LAYOUT.itemsize] for frames in files]
-    if not any(chosen):
+    rows, t_ns = _read(files, _HEADING, kind)
+    if not len(rows):
         return [], []
-    rows = np.concatenate(
-        [
-            records(frames.data, [f.offset for f in messages], _LAYOUT)
-            for frames, messages in zip(files, chosen, strict=True)
-        ]
-    )
-    t_ns = np.array([f.t_ns for messages in chosen for f in messages], np.int64)
     usable = (t_ns >= 0) & (rows["status"] == 0) & np.isin(rows["kind"], _FIXED)
     usable &= np.abs(rows["heading"]) <= 360.0
-    events = []
-    if not usable.all():
-        detail = f"{int((~usable).sum())} {name} message(s) without a heading by fixed ambiguities left out"
-        events.append(Event(None, "novatel_no_heading", f"{files[0].path}: {detail}"))
+    what = f"{name} message(s) without a heading by fixed ambiguities left out"
+    events = counted("novatel_no_heading", ~usable, what, files[0].path)
     values = np.column_stack(
         [rows["heading"].astype(np.float64), stated_sigmas(rows["sigma"].astype(np.float64))]
     )

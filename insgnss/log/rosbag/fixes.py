@@ -73,11 +73,8 @@ def _covariances(messages: Decoded) -> Float64:
 
 def _errors_of_place(messages: Decoded) -> Float64:
     """Return the sigmas (n, 3) of the places by GPSFix's horizontal and vertical errors."""
-    across, upright = (
-        _column(messages, "err_horz") / _RADIUS_95,
-        _column(messages, "err_vert") / _HALF_WIDTH_95,
-    )
-    return stated_sigmas(np.column_stack([across, across, upright]))
+    across = _column(messages, "err_horz") / _RADIUS_95
+    return stated_sigmas(np.column_stack([across, across, _column(messages, "err_vert") / _HALF_WIDTH_95]))
 
 
 def _velocities(messages: Decoded) -> tuple[Float64, Float64]:
@@ -86,11 +83,11 @@ def _velocities(messages: Decoded) -> tuple[Float64, Float64]:
     The sigma across the track is that of the track times the speed; never below that of the speed, which knows no
     direction.
     """
-    speed, climb, track = (_column(messages, name) for name in ("speed", "climb", "track"))
-    if not np.any(np.abs(speed) > 0.0):
-        speed = np.full(len(speed), np.nan)
-    if not np.any(np.abs(climb) > 0.0):
-        climb = np.full(len(climb), np.nan)
+    track = _column(messages, "track")
+    speed, climb = (  # a column of zeros is not measured
+        values if np.any(np.abs(values) > 0.0) else np.full(len(values), np.nan)
+        for values in (_column(messages, "speed"), _column(messages, "climb"))
+    )
     course = np.radians(np.where(speed > 0.0, track, 0.0))  # a receiver at rest states no direction
     north, east = np.cos(course), np.sin(course)
     velocity = np.column_stack([speed * north, speed * east, -climb])

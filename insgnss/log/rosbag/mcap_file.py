@@ -18,7 +18,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.gpstime import unix_to_gps_ns
-from insgnss.log.events import shortened
+from insgnss.log.events import counted, shortened
 from insgnss.log.files import MOST_TIMES, file_buffer, largest_unpacked
 from insgnss.tables import Event, Int64
 
@@ -51,10 +51,7 @@ class Topic:
                 messages.append((t_ns, None if self.decode is None else self.decode(data)))
             except Exception:  # what damaged bytes raise within a library is of every kind
                 failed += 1
-        if failed:
-            events.append(
-                Event(None, "mcap_damaged", f"{self.name}: {failed} message(s) not decoded left out")
-            )
+        events += counted("mcap_damaged", failed, "message(s) not decoded left out", self.name)
         return [(t_ns, message) for t_ns, message in messages if message is not None]
 
 
@@ -102,9 +99,8 @@ def stamps(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
     seconds = np.array([m.header.stamp.sec for _, m in messages], np.int64)
     nanos = np.array([m.header.stamp.nanosec for _, m in messages], np.int64)
     good = (seconds > _EARLIEST_S) & (seconds < _LATEST_S) & (nanos < NS_PER_S)
-    if not good.all():
-        detail = f"{topic.name}: {int((~good).sum())} message(s) with an invalid time stamp (simulated time?) left out"
-        events.append(Event(None, "mcap_time_unknown", detail))
+    what = "message(s) with an invalid time stamp (simulated time?) left out"
+    events += counted("mcap_time_unknown", ~good, what, topic.name)
     t_ns = np.full(len(messages), -1, np.int64)
     t_ns[good] = unix_to_gps_ns(seconds[good] * NS_PER_S + nanos[good])
     return t_ns

@@ -69,16 +69,12 @@ def read_rosbag(
             )
     with np.errstate(all="ignore"):
         imu_topic = _one(by_name, "imu", (IMU,), wanted, path)
-        imu = None if imu_topic is None else _sound(imu_topic, events, lambda topic: _inertial(topic, events))
+        imu = _sound(imu_topic, events, lambda topic: _inertial(topic, events))
         raw_topic = _one(by_name, "gnss", (*RAW_KINDS, *BYTES), wanted, path)
         subframes = [topic for topic in by_name.values() if topic.kind in SUBFRAME_KINDS]
         raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
         fix_topic, beside = _fix_topics(by_name, wanted, path)
-        solved = (
-            None
-            if fix_topic is None
-            else _sound(fix_topic, events, lambda topic: fixes(topic, beside, events))
-        )
+        solved = _sound(fix_topic, events, lambda topic: fixes(topic, beside, events))
         own, inertial = solved or (None, False)
         if raw is not None and raw_topic is not None and is_rtcm(raw_topic):
             declared = rtcm or ("own" if "gnss" in wanted else None)
@@ -86,8 +82,7 @@ def read_rosbag(
         further = [_sound(topic, events, lambda topic: _further(topic, events)) for topic in by_name.values()]
         samples = [each for some in further for each in some or []]
     topics_read = (imu_topic, raw_topic, fix_topic, beside, *subframes)
-    used = {topic.name for topic in topics_read if topic is not None}
-    used |= {each.source for each in samples}
+    used = {topic.name for topic in topics_read if topic is not None} | {each.source for each in samples}
     others = [topic for topic in by_name.values() if topic.name not in used and topic.count]
     if others:
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
@@ -97,8 +92,10 @@ def read_rosbag(
     return replace(log, imu_axes=_axes(imu, imu_topic, log.events), solution_from=source)
 
 
-def _sound(topic: Topic, events: list[Event], read: Callable[[Topic], _Table]) -> _Table | None:
-    """Return what a topic is read as; None, with an event, where its messages are not as their type says."""
+def _sound(topic: Topic | None, events: list[Event], read: Callable[[Topic], _Table]) -> _Table | None:
+    """Return what a topic is read as; None without one, or, with an event, where its messages belie their type."""
+    if topic is None:
+        return None
     try:
         return read(topic)
     except (AttributeError, IndexError, TypeError, ValueError, OverflowError) as error:

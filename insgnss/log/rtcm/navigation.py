@@ -15,11 +15,11 @@ from insgnss.gpstime import BDT_TO_GPS_NS, BDT_WEEK_OFFSET
 from insgnss.log.messages.beidou import beidou_message
 from insgnss.log.messages.bits import angle, power
 from insgnss.log.messages.broadcast import Broadcast, Stated, StateVector
-from insgnss.log.messages.galileo import sisa_m
+from insgnss.log.messages.galileo import health_bits, sisa_m
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
 from insgnss.log.rtcm.time import GPS_WEEKS_SENT
-from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.satellites import rinex_name
 
 _FAR_NS: Final = 2 * 86_400 * NS_PER_S  # of a message's week from that of the epochs
 _ANGLES: Final = {
@@ -70,7 +70,7 @@ def _elements(row: Any, scales: tuple[float, tuple[int, int, int], int, int]) ->
 def _lnav(system: str) -> Callable[[Broadcast, Any, int], None]:
     def take(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
         row = message.gps_ephemeris or message.qzss_ephemeris
-        sv = _name(system, row.satellite_id)
+        sv = rinex_name(system, row.satellite_id)
         sent_ns = row.week_number * NS_PER_WEEK + int(row.t_oe * 16) * NS_PER_S
         if not _is_near(ephemerides, sv, sent_ns, near_ns, GPS_WEEKS_SENT, message):
             return
@@ -86,40 +86,33 @@ def _lnav(system: str) -> Callable[[Broadcast, Any, int], None]:
 def _galileo(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     inav = message.galileo_inav_ephemeris
     row = inav or message.galileo_fnav_ephemeris
-    sv = _name("E", row.satellite_id)
+    sv = rinex_name("E", row.satellite_id)
     sent_ns = (row.week_number + 1024) * NS_PER_WEEK + row.t_oe * 60 * NS_PER_S
     if not _is_near(ephemerides, sv, sent_ns, near_ns, 4096, message):
         return
-    # the bits of RINEX 3.05, table A8
     if inav:
-        health = _flags(row.e1b_data_validity, row.e1b_signal_health, 0)
-        health |= _flags(row.e5b_data_validity, row.e5b_signal_health, 6)
+        health = health_bits(
+            e1=(row.e1b_data_validity, row.e1b_signal_health),
+            e5b=(row.e5b_data_validity, row.e5b_signal_health),
+        )
     else:
-        health = _flags(row.e5a_data_validity, row.e5a_signal_health, 3)
+        health = health_bits(e5a=(row.e5a_data_validity, row.e5a_signal_health))
     delays = (row.bgd_e5a_e1 * power(-32), row.bgd_e5b_e1 * power(-32) if inav else 0.0)
     accuracy = sisa_m(row.sisa_index if inav else row.sisa)
-    stated = Stated(delays, float(health), accuracy, float(row.iod_nav))
+    stated = Stated(delays, health, accuracy, float(row.iod_nav))
     kind = "INAV" if inav else "FNAV"
     ephemerides.keep(sv, kind, stated, _elements(row, _GALILEO), row.t_oc * _GALILEO[0], near_ns)
 
 
-def _flags(invalid: bool, health: int, place: int) -> int:
-    return (int(invalid) | int(health) << 1) << place
-
-
 def _beidou(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     row = message.beidou_ephemeris
-    sv = _name("C", row.satellite_id)
+    sv = rinex_name("C", row.satellite_id)
     sent_ns = (row.week_number + BDT_WEEK_OFFSET) * NS_PER_WEEK + row.t_oe * 8 * NS_PER_S + BDT_TO_GPS_NS
     if not _is_near(ephemerides, sv, sent_ns, near_ns, 8192, message):
         return
     delays = (row.t_gd1 * 1e-10, row.t_gd2 * 1e-10)
     stated = Stated(delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode))
     ephemerides.keep(sv, beidou_message(sv), stated, _elements(row, _BEIDOU), row.t_oc * _BEIDOU[0], near_ns)
-
-
-def _name(system: str, number: int) -> str:
-    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
 
 
 def _is_near(ephemerides: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks: int, message: Any) -> bool:
@@ -138,7 +131,7 @@ def _is_near(ephemerides: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks:
 
 def _glonass(ephemerides: Broadcast, message: Any, near_ns: int) -> None:
     row = message.glonass_ephemeris
-    sv = _name("R", row.satellite_id)
+    sv = rinex_name("R", row.satellite_id)
     if not sv or row.t_b * 900 >= 86_400:
         ephemerides.refused["message 1020 without a known satellite or time; refused"] += 1
         return

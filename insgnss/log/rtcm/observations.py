@@ -21,8 +21,9 @@ import numpy as np
 from insgnss.constants import C_MPS, NS_PER_MS
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, carrier_hz
+from insgnss.log.events import counted, listed
 from insgnss.log.rtcm.time import EpochTimes
-from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.satellites import rinex_name
 from insgnss.tables import Event, Float64, GnssTable
 
 MSM: Final = {
@@ -192,15 +193,13 @@ def _lock_s(indicator: int) -> int:
 
 
 def _legacy_name(system: str, number: int) -> str:
-    if system == "G" and number >= _FIRST_SBAS:
-        system, number = "S", number - _FIRST_SBAS + 20
-    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
+    is_sbas = system == "G" and number >= _FIRST_SBAS
+    return rinex_name("S", number - _FIRST_SBAS + 20) if is_sbas else rinex_name(system, number)
 
 
 def _satellite(system: str, seen: Any) -> tuple[str, float, float, int | None]:
     """Return a satellite's name, rough range [ms], rough range rate [m/s] and GLONASS channel."""
-    number = seen.id + (_SBAS_OFFSET if system == "S" else 0)
-    name = f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
+    name = rinex_name(system, seen.id + (_SBAS_OFFSET if system == "S" else 0))
     whole_ms, rate = seen.rough_range_ms, seen.rough_phase_range_rate_m_s
     rough_ms = (
         np.nan if whole_ms is None or whole_ms == _NO_ROUGH_MS else whole_ms + seen.rough_range_mod1 / 1024.0
@@ -230,7 +229,11 @@ def observation_table(
     sv_names, sv = np.unique(np.array(cells.sv, "U3"), return_inverse=True)
     codes, code = np.unique(np.array(cells.code, "U3"), return_inverse=True)
     carriers = np.array(
-        [[_carrier_hz(str(name), str(c), known.get(str(name))) for c in codes] for name in sv_names]
+        [
+            # those of SBAS are GPS's
+            [carrier_hz("G" if name[0] == "S" else str(name[0]), str(c), known.get(str(name))) for c in codes]
+            for name in sv_names
+        ]
     ).reshape(len(sv_names), len(codes))
     hz = carriers[sv, code][rows] if len(rows) else np.zeros(0)
     columns = {
@@ -244,9 +247,8 @@ def observation_table(
     if legacy.any():
         cycles = _unwrapped(cycles, columns["range_m"] * hz / C_MPS, np.where(legacy, track, -1))
     lost = np.isnan(hz) & (np.isfinite(columns["phase_m"]) | np.isfinite(rates))
-    if lost.any():
-        detail = f"{file}: {int(lost.sum())} row(s) without carrier phase and Doppler: channel or carrier not known"
-        events.append(Event(None, "rtcm_carrier_unknown", detail))
+    what = "row(s) without carrier phase and Doppler: channel or carrier not known"
+    events += counted("rtcm_carrier_unknown", lost, what, file)
     table = GnssTable(
         np.array(cells.t_ns, np.int64)[rows],
         sv[rows].astype(np.int16),
@@ -264,27 +266,18 @@ def observation_table(
     return table, events
 
 
-def _carrier_hz(sv: str, code: str, channel: int | None) -> float:
-    """Return a signal's carrier [Hz]; those of SBAS are GPS's."""
-    return carrier_hz("G" if sv[0] == "S" else sv[0], code, channel)
-
-
 def _chosen(
     cells: RtcmObservations, file: str
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
     """Return the rows that are used, sorted by epoch, satellite and signal, and the events of the others."""
-    events = []
-    if cells.unknown:
-        listed = ", ".join(f"{count} of {what}" for what, count in cells.unknown.most_common(10))
-        events.append(Event(None, "rtcm_signal_unknown", f"{file}: observations left out: {listed}"))
+    unknown = {f"of {what}": count for what, count in cells.unknown.most_common(10)}
+    events = listed("rtcm_signal_unknown", "observations left out", unknown, file)
     stations = Counter(cells.station)
     own = stations.most_common(1)[0][0] if stations else 0
     if len(stations) > 1:
-        others = ", ".join(
-            f"{count} of {number}" for number, count in sorted(stations.items()) if number != own
-        )
-        detail = f"{file}: observations of station {own} are used; those of others left out: {others}"
-        events.append(Event(None, "rtcm_other_station", detail))
+        others = {f"of {number}": count for number, count in sorted(stations.items()) if number != own}
+        what = f"observations of station {own} are used; those of others left out"
+        events += listed("rtcm_other_station", what, others, file)
     has_value = np.isfinite(np.array(cells.range_m)) | np.isfinite(np.array(cells.rate_mps))
     rows = np.flatnonzero((np.array(cells.station) == own) & has_value).astype(np.int64)
     t_ns, rank = np.array(cells.t_ns, np.int64)[rows], np.array(cells.rank)[rows]
@@ -294,10 +287,8 @@ def _chosen(
     if len(rows):
         one, other = order[1:], order[:-1]
         again[1:] = (t_ns[one] == t_ns[other]) & (sv[one] == sv[other]) & (code[one] == code[other])
-    if again.any():
-        detail = f"{file}: {int(again.sum())} observation(s) sent again in another message left out, the coarser ones"
-        events.append(Event(None, "rtcm_repeated", detail))
-    return rows[order[~again]], events
+    what = "observation(s) sent again in another message left out, the coarser ones"
+    return rows[order[~again]], events + counted("rtcm_repeated", again, what, file)
 
 
 def _unwrapped(cycles: Float64, range_cycles: Float64, track: Float64) -> Float64:

@@ -16,7 +16,7 @@ from typing import Any
 
 from insgnss.errors import InputError, TimeError
 from insgnss.gnss import sidereon_on_demand as sidereon
-from insgnss.log.events import first_events
+from insgnss.log.events import counted, first_events, listed, listing
 from insgnss.log.files import file_buffer
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.receiver import ReceiverLog
@@ -60,9 +60,9 @@ def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> Rece
         )
     observed = [m for m in messages if m.message_number in OBSERVATIONS]
     if not observed:
-        listed = _not_used(messages) or "ephemerides alone"
+        others = listing(_not_used(messages)) or "ephemerides alone"
         raise InputError(
-            f"the RTCM stream holds no observations with whole pseudoranges: {listed}",
+            f"the RTCM stream holds no observations with whole pseudoranges: {others}",
             file=file,
             advice="let the source send MSM4 to MSM7 (1074 to 1137) and the ephemerides (1019, 1020, 1042, 1046)",
         )
@@ -94,32 +94,32 @@ def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
         raise InputError(
             "the RTCM stream holds no usable observation",
             file=file,
-            advice="; ".join(_details(events)),
+            advice="; ".join(event.detail for event in events),
         )
     gnss, reordered = in_time_order(gnss, file)
     stations = _stations(messages)
-    events += [*reordered, *_station_events(stations, file)]
-    events += [
-        Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
-        for reason, count in navigation_messages.refused.items()
+    events += reordered
+    events += [  # what a base's flight entry needs
+        Event(
+            None,
+            "rtcm_station",
+            f"{file}: station {number} is at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
+        )
+        for number, (x, y, z, h) in stations.items()
     ]
-    if listed := _not_used(messages):
-        events.append(Event(None, "rtcm_not_used", f"{file}: messages not read: {listed}"))
+    events += navigation_messages.refused_events(file)
+    events += listed("rtcm_not_used", "messages not read", _not_used(messages), file)
     place = next(iter(stations.values()))[:3] if len(stations) == 1 else None
     return ReceiverLog(gnss, navigation_messages.navigation(), None, events, station_m=place)
 
 
-def _details(events: list[Event]) -> list[str]:
-    return [event.detail for event in events]
-
-
-def _not_used(messages: list[Any]) -> str:
-    """Return numbers of messages that are not read, with how many there were."""
+def _not_used(messages: list[Any]) -> dict[str, int]:
+    """Return how many messages there are of each number that is not read."""
     read = {*OBSERVATIONS, *EPHEMERIDES}
     others = Counter(
         m.message_number for m in messages if m.message_number not in read and m.kind not in _STATION
     )
-    return ", ".join(f"{count} of {number}" for number, count in sorted(others.items()))
+    return {f"of {number}": count for number, count in sorted(others.items())}
 
 
 def _damage(parsed: Any, size: int, file: str) -> list[Event]:
@@ -134,13 +134,9 @@ def _damage(parsed: Any, size: int, file: str) -> list[Event]:
         file,
         "messages refused",
     )
-    if parsed.crc_failures:
-        detail = f"{file}: {parsed.crc_failures} frame(s) with a wrong check sum left out"
-        events.append(Event(None, "rtcm_damaged", detail))
-    if parsed.resync_bytes:
-        detail = f"{file}: {parsed.resync_bytes} of {size} bytes are not in a whole frame (other data, damage, a cut)"
-        events.append(Event(None, "rtcm_foreign_bytes", detail))
-    return events
+    wrong = counted("rtcm_damaged", parsed.crc_failures, "frame(s) with a wrong check sum left out", file)
+    what = f"of {size} bytes are not in a whole frame (other data, damage, a cut)"
+    return events + wrong + counted("rtcm_foreign_bytes", parsed.resync_bytes, what, file)
 
 
 def _stations(messages: list[Any]) -> dict[int, tuple[float, float, float, float]]:
@@ -149,21 +145,6 @@ def _stations(messages: list[Any]) -> dict[int, tuple[float, float, float, float
     for message in messages:
         if (place := message.station_coordinates) is not None:
             height_m = (place.antenna_height_m() or 0.0) if callable(place.antenna_height_m) else 0.0
-            places[place.reference_station_id] = (*_metres(place), height_m)
+            x, y, z = (float(getattr(place, f"ecef_{axis}")) * 1e-4 for axis in "xyz")
+            places[place.reference_station_id] = (x, y, z, height_m)
     return places
-
-
-def _station_events(places: dict[int, tuple[float, float, float, float]], file: str) -> list[Event]:
-    """Return an event for each station: what a base's flight entry needs."""
-    return [
-        Event(
-            None,
-            "rtcm_station",
-            f"{file}: station {number} is at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
-        )
-        for number, (x, y, z, h) in places.items()
-    ]
-
-
-def _metres(place: Any) -> tuple[float, float, float]:
-    return tuple(float(getattr(place, f"ecef_{axis}")) * 1e-4 for axis in "xyz")  # type: ignore[return-value]

@@ -54,14 +54,11 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
 
 
 # Raw measurements in a compressed form whose layout the reference guide leaves out
-_MEAS3: Final = {
-    **{4109: "Meas3Ranges", 4110: "Meas3CN0HiRes", 4111: "Meas3Doppler", 4112: "Meas3PP", 4113: "Meas3MP"},
-}
+_MEAS3: Final = dict(
+    enumerate(("Meas3Ranges", "Meas3CN0HiRes", "Meas3Doppler", "Meas3PP", "Meas3MP"), start=4109)
+)
 # Of the blocks that are not read those whose name says what is missed
-_NOT_READ: Final = {
-    **_MEAS3,
-    **{4028: "BaseVectorGeod", 4043: "BaseVectorCart"},
-}
+_NOT_READ: Final = {**_MEAS3, 4028: "BaseVectorGeod", 4043: "BaseVectorCart"}
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
 INS_NAV: Final = 4226
@@ -189,12 +186,10 @@ def _sound_length(data: bytes, at: int, blocks: Blocks) -> int:
     return int(length)
 
 
-def listed_others(blocks: Blocks) -> str:
-    """Return the numbers of blocks that are not read, the most frequent first, with their names where that helps."""
-    return ", ".join(
-        f"{count} of {number}" + (f" ({_NOT_READ[number]})" if number in _NOT_READ else "")
-        for number, count in blocks.others.most_common()
-    )
+def other_blocks(blocks: Blocks) -> dict[str, int]:
+    """Return how many blocks are not read by number, the most frequent first, with their names where that helps."""
+    names = {number: f" ({name})" for number, name in _NOT_READ.items()}
+    return {f"of {number}{names.get(number, '')}": count for number, count in blocks.others.most_common()}
 
 
 def missed_measurements(blocks: Blocks) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.sbf.blocks import (
     CHANNEL_1,
@@ -30,7 +31,7 @@ from insgnss.log.sbf.blocks import (
     time_known,
 )
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, E6_B_USED, E6_SIGNAL, SATELLITES, SIGNALS
-from insgnss.tables import Bool, Event, Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 Records = np.ndarray[tuple[int], np.dtype[np.void]]
 
@@ -56,9 +57,7 @@ def measurements(data: bytes, blocks: Blocks) -> tuple[GnssTable, list[Event]]:
     t_ns = block_times_ns(heads)
     channels = _SubBlocks(data, starts, heads)
     table, events = _table(channels, t_ns, heads["flags"])
-    if not timed.all():
-        detail = f"{int((~timed).sum())} epoch(s) before the receiver knew the time left out"
-        events.append(Event(None, "sbf_time_unknown", detail))
+    events += counted("sbf_time_unknown", ~timed, "epoch(s) before the receiver knew the time left out")
     return table, events + _clock_jumps(t_ns, heads["clock_jumps_ms"])
 
 
@@ -113,7 +112,10 @@ class _SubBlocks:
 def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> tuple[GnssTable, list[Event]]:
     number = channels.numbers()
     svid = channels.svid()
-    channel = _glonass_channels(channels, number)
+    # type 1 states a satellite's channel
+    stated = np.where(np.isin(number[: len(channels.first)], (8, 9, 10, 11)), channels.first["info"] >> 3, 8)
+    own = stated.astype(np.int64) - CHANNEL_OFFSET
+    channel = np.concatenate((own, own[channels.parent]))
     carrier_hz = _carriers(number, channel)
     pseudorange, doppler = _code_and_doppler(channels, carrier_hz)
     cycles = _carrier_phase(channels, pseudorange, carrier_hz)
@@ -146,31 +148,13 @@ def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> t
         lli=np.where(phase, slipped + 2 * half, 0).astype(np.int8),
         glonass_channels=_channel_of(names, sv[rows], channel[rows]),
     )
-    return table, _events(channels, main, known)
-
-
-def _events(channels: _SubBlocks, main: Bool, known: Bool) -> list[Event]:
-    counts = (
-        (int((~main).sum()), "sbf_other_antenna", "measurement(s) of auxiliary antennas left out"),
-        (
-            int((main & ~known).sum()),
-            "sbf_signal_unknown",
-            "measurement(s) of an unknown satellite or signal left out",
-        ),
-        (
-            channels.cut,
-            "sbf_damaged",
-            "measurement block(s) whose sub-blocks do not fit their length, cut there",
-        ),
-    )
-    return [Event(None, kind, f"{count} {what}") for count, kind, what in counts if count]
-
-
-def _glonass_channels(channels: _SubBlocks, number: Int64) -> Int64:
-    """Return each row's frequency channel, which type 1 states for its satellite, zero for other systems."""
-    stated = np.where(np.isin(number[: len(channels.first)], (8, 9, 10, 11)), channels.first["info"] >> 3, 8)
-    own = stated.astype(np.int64) - CHANNEL_OFFSET
-    return np.concatenate((own, own[channels.parent]))
+    unknown = "measurement(s) of an unknown satellite or signal left out"
+    cut = "measurement block(s) whose sub-blocks do not fit their length, cut there"
+    return table, [
+        *counted("sbf_other_antenna", ~main, "measurement(s) of auxiliary antennas left out"),
+        *counted("sbf_signal_unknown", main & ~known, unknown),
+        *counted("sbf_damaged", channels.cut, cut),
+    ]
 
 
 def _carriers(number: Int64, channel: Int64) -> Float64:

@@ -22,7 +22,7 @@ from insgnss.log.messages.broadcast import (
     StateVector,
     in_nearest_week,
 )
-from insgnss.log.messages.galileo import sisa_m
+from insgnss.log.messages.galileo import health_bits, sisa_m
 from insgnss.log.messages.gps_lnav import ura_m
 from insgnss.log.sbf.blocks import (
     BDS_ION,
@@ -75,24 +75,17 @@ def _take(
     messages: Broadcast, row: Any, system: str, content: Callable[[str, Any], tuple[str, Stated]]
 ) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
-    received_ns = _received_ns(row)
-    if not sv.startswith(system) or received_ns is None:
+    if not sv.startswith(system) or not time_known(row):
         messages.refused["SBF message of an unknown satellite or without a time"] += 1
         return
-    elements = _elements(row)
+    elements = tuple(
+        float(row["toe_s" if name == "toe_sow_s" else name]) * (math.pi if name in _SEMICIRCLES else 1.0)
+        for name in ELEMENTS
+    )
     if not all(map(math.isfinite, elements)):
         messages.refused["SBF message with an invalid number"] += 1
         return
-    messages.keep(sv, *content(sv, row), elements, float(row["toc_s"]), received_ns)
-
-
-def _received_ns(row: Any) -> int | None:
-    return int(block_times_ns(row)) if time_known(row) else None
-
-
-def _elements(row: Any) -> tuple[float, ...]:
-    values = {name: float(row["toe_s" if name == "toe_sow_s" else name]) for name in ELEMENTS}
-    return tuple(value * math.pi if name in _SEMICIRCLES else value for name, value in values.items())
+    messages.keep(sv, *content(sv, row), elements, float(row["toc_s"]), int(block_times_ns(row)))
 
 
 def _delay(value: float) -> float:
@@ -108,20 +101,14 @@ def _lnav(sv: str, row: Any) -> tuple[str, Stated]:
 def _galileo(_: str, row: Any) -> tuple[str, Stated]:
     fnav = int(row["source"]) == _FNAV
     delays = (_delay(row["bgd_e5a"]), _delay(row["bgd_e5b"]))
-    health, accuracy_m = (
-        _galileo_health(int(row["health"])),
-        sisa_m(int(row["sisa_e5a" if fnav else "sisa_e5b"])),
+    # four bits for each of E1-B, E5b and E5a: whether the block states it, validity flag, health status
+    e1, e5b, e5a = (
+        (part >> 1 & 1, part >> 2 & 0b11) if part & 1 else (0, 0)
+        for part in (int(row["health"]) >> place for place in (0, 4, 8))
     )
-    return "FNAV" if fnav else "INAV", Stated(delays, float(health), accuracy_m, float(row["iod"]))
-
-
-def _galileo_health(flags: int) -> int:
-    """Return the bits as in RINEX 3.05, table A8: E1-B DVS and HS from bit 0, E5a from bit 3, E5b from bit 6."""
-    health = 0
-    for place, valid in ((0, 0), (6, 4), (3, 8)):
-        if flags >> valid & 1:
-            health |= (flags >> (valid + 1) & 0b111) << place
-    return health
+    health = health_bits(e1=e1, e5a=e5a, e5b=e5b)
+    accuracy_m = sisa_m(int(row["sisa_e5a" if fnav else "sisa_e5b"]))
+    return "FNAV" if fnav else "INAV", Stated(delays, health, accuracy_m, float(row["iod"]))
 
 
 def _beidou(sv: str, row: Any) -> tuple[str, Stated]:
@@ -131,28 +118,18 @@ def _beidou(sv: str, row: Any) -> tuple[str, Stated]:
 
 def _glonass(messages: Broadcast, row: Any) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
-    received_ns = _received_ns(row)
     r_e, v_e, a_e = (
         tuple((row[name].astype(np.float64) * M_PER_KM).tolist()) for name in ("r_km", "v_kmps", "a_kmps2")
     )
     clock_s, clock_rate = -float(row["tau"]), float(row["gamma"])  # ICD: t_GLONASS = t_satellite + tau
-    if (
-        not sv.startswith("R")
-        or received_ns is None
-        or not np.isfinite([*r_e, *v_e, *a_e, clock_s, clock_rate]).all()
-    ):
+    is_finite = np.isfinite([*r_e, *v_e, *a_e, clock_s, clock_rate]).all()
+    if not sv.startswith("R") or not time_known(row) or not is_finite:
         messages.refused["SBF message of an unknown satellite or without a time"] += 1
         return
-    state = StateVector(
-        sv,
-        in_nearest_week(int(row["week_toe"]), _WEEK_ROLLOVER_GLONASS, float(row["toe_s"]), received_ns),
-        r_e,
-        v_e,
-        a_e,
-        clock_s,
-        clock_rate,
-        float(row["dtau"]) if row["dtau"] > FLOAT_MISSING else math.nan,
-        float(int(row["health_b"]) >> 2 & 1 | int(row["health_l"]) << 1),
-        int(row["channel"]) - CHANNEL_OFFSET,
-    )
+    received_ns, toe_s = int(block_times_ns(row)), float(row["toe_s"])
+    t_ns = in_nearest_week(int(row["week_toe"]), _WEEK_ROLLOVER_GLONASS, toe_s, received_ns)
+    delay_s = float(row["dtau"]) if row["dtau"] > FLOAT_MISSING else math.nan
+    health = float(int(row["health_b"]) >> 2 & 1 | int(row["health_l"]) << 1)
+    channel = int(row["channel"]) - CHANNEL_OFFSET
+    state = StateVector(sv, t_ns, r_e, v_e, a_e, clock_s, clock_rate, delay_s, health, channel)
     messages.states.setdefault(state)

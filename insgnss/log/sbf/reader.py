@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.errors import InputError
+from insgnss.log.events import counted, in_file, listed
 from insgnss.log.files import file_buffer, records
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.own_solution import not_independent
@@ -28,8 +29,8 @@ from insgnss.log.sbf.blocks import (
     block_records,
     block_times_ns,
     find_blocks,
-    listed_others,
     missed_measurements,
+    other_blocks,
     time_known,
 )
 from insgnss.log.sbf.measurements import measurements
@@ -85,11 +86,9 @@ def read_sbf(path: Path, *further: Path) -> ReceiverLog:
     ]
     if missed:
         events.append(Event(None, MEASUREMENTS_NOT_READ, missed))
-    if blocks.others:
-        events.append(Event(None, "sbf_not_used", f"blocks not read, by number: {listed_others(blocks)}"))
-    if blocks.damaged:
-        events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + more_events + without]
+    events += listed("sbf_not_used", "blocks not read, by number", other_blocks(blocks))
+    events += counted("sbf_damaged", blocks.damaged, "damaged or cut block(s) left out")
+    named = in_file(path, events + more_events + without)
     navigation = messages.navigation()
     if own is None and fixed is not None:
         named.append(not_independent(f"{name_of_fixes(blocks)}, the receiver's fixes"))

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.further_samples import HEADING, FurtherSamples, further_samples
 from insgnss.log.own_solution import distinct_rows, from_earth_axes, on_earth, own_reference, stated_sigmas
@@ -68,17 +69,8 @@ def solution(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[E
     sigma = np.column_stack(
         [parts[_POSITION_SD], parts[_VELOCITY_SD][:, [1, 0, 2]], parts[_ATTITUDE_SD][:, ::-1]]
     )
-    lat_deg, lon_deg, h_m = place[rows].T
-    table = ReferenceTable(
-        block_times_ns(heads[rows]),
-        lat_deg,
-        lon_deg,
-        h_m,
-        velocity,
-        attitude,
-        np.ones(len(rows)),
-        sigma,
-    )
+    t_ns, quality = block_times_ns(heads[rows]), np.ones(len(rows))
+    table = own_reference(t_ns, place[rows], sigma, velocity=velocity, attitude=attitude, quality=quality)
     return table, events
 
 
@@ -94,9 +86,7 @@ def solved_rows(
     """
     place = np.column_stack([rows["lat_rad"] / RAD_PER_DEG, rows["lon_rad"] / RAD_PER_DEG, rows["h_m"]])
     good = time_known(rows) & (rows["error"] == 0) & on_earth(place) & usable
-    events = []
-    if not good.all():
-        events.append(Event(None, "sbf_no_solution", f"{int((~good).sum())} {lost} left out"))
+    events = counted("sbf_no_solution", ~good, f"{lost} left out")
     return place, distinct_rows(block_times_ns(rows), good), events
 
 
@@ -110,15 +100,11 @@ def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Floa
     for part in range(_N_PARTS):
         present = (listed >> part & 1 != 0) & (at + size <= ends)
         values = np.full((len(starts), 3), np.nan)
-        values[present] = _values(records(data, at[present].tolist(), _TRIPLE))
+        stated = records(data, at[present].tolist(), _TRIPLE)["value"].astype(np.float64)
+        values[present] = np.where(stated > FLOAT_MISSING, stated, np.nan)
         parts.append(values)
         at = at + size * (listed >> part & 1)
     return parts
-
-
-def _values(rows: Any) -> Float64:
-    values = rows["value"].astype(np.float64)
-    return np.where(values > FLOAT_MISSING, values, np.nan)
 
 
 _MODE_MASK, _FIX_2D = 0x0F, 0x80  # of the byte that names the kind of solution
@@ -241,10 +227,8 @@ def headings(data: bytes, blocks: Blocks) -> tuple[list[FurtherSamples], list[Ev
         return [], []
     usable = time_known(rows) & np.isin(rows["mode"], _FIXED) & (rows["error"] & _NO_HEADING == 0)
     usable &= rows["heading_deg"] > FLOAT_MISSING
-    events = []
-    if not usable.all():
-        detail = f"{int((~usable).sum())} AttEuler block(s) without a heading by fixed ambiguities left out"
-        events.append(Event(None, "sbf_no_heading", detail))
+    what = "AttEuler block(s) without a heading by fixed ambiguities left out"
+    events = counted("sbf_no_heading", ~usable, what)
     rows = rows[usable]
     t_ns = block_times_ns(rows)
     covariances = block_records(data, blocks, ATTITUDE_COV)

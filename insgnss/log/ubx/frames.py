@@ -21,7 +21,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.log.events import framing_events
+from insgnss.log.events import framing_events, listed
 from insgnss.log.files import file_buffer
 from insgnss.tables import Event
 
@@ -49,13 +49,9 @@ class UbxFrames:
     def events(self, known: set[int]) -> list[Event]:
         """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
         events = framing_events(self, "ubx", "frame", "not UBX (NMEA, RTCM or damage)", len(self.data))
-        others = Counter(
-            {kind: len(payloads) for kind, payloads in self.payloads.items() if kind not in known}
-        )
-        if others:
-            listed = ", ".join(f"{n} of {kind >> 8:02X} {kind & 255:02X}" for kind, n in others.most_common())
-            events.append(Event(None, "ubx_not_used", f"{self.path}: messages not used: {listed}"))
-        return events
+        others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
+        by_name = {f"of {kind >> 8:02X} {kind & 255:02X}": n for kind, n in others.most_common()}
+        return events + listed("ubx_not_used", "messages not used", by_name, self.path)
 
 
 def find_frames(path: Path) -> UbxFrames:

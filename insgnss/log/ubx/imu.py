@@ -14,14 +14,14 @@ and a time offset among the settings takes it away once it is known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.log.events import counted
 from insgnss.log.ubx.frames import UbxFrames
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG
@@ -83,12 +83,20 @@ def imu_table(frames: UbxFrames, epoch_offset: Int64, epoch_ns: Int64) -> tuple[
         return None, [Event(None, "imu_not_used", f"{frames.path}: no sensor time is near the epochs")]
     values_si = samples.values[near] * ([_RATE_SCALE] * 3 + [_FORCE_SCALE] * 3)
     table = ImuTable(t_ns, values_si[:, :3], values_si[:, 3:])
-    samples = replace(samples, left_out=samples.left_out + int((~near).sum()))
+    left_out = samples.left_out + int((~near).sum())
+    events = counted(
+        "imu_repeated", left_out, "sensor values whose time does not advance left out", frames.path
+    )
+    if samples.interpolated:
+        detail = (
+            f"{frames.path}: rates and forces have different times; interpolated to those of the first rate"
+        )
+        events.append(Event(None, "imu_interpolated", detail))
     detail = (
         f"{frames.path}: sensor times aligned with GPS time by message order, scatter {line.scatter_s:.3f} s;"
         " they may be too early by the receiver's output delay, up to about 0.15 s"
     )
-    return table, [*samples.events(frames.path), Event(int(t_ns[0]), "imu_time_estimated", detail)]
+    return table, [*events, Event(int(t_ns[0]), "imu_time_estimated", detail)]
 
 
 # -------------------------------------------------------------------------------------------------- values in a file
@@ -141,16 +149,6 @@ class _ImuReadings:
     values: Float64  # (n, 6)
     left_out: int  # tags that come again or fall back
     interpolated: bool
-
-    def events(self, path: Path) -> list[Event]:
-        events = []
-        if self.left_out:
-            detail = f"{path}: {self.left_out} sensor values whose time does not advance left out"
-            events.append(Event(None, "imu_repeated", detail))
-        if self.interpolated:
-            detail = f"{path}: rates and forces have different times; interpolated to those of the first rate"
-            events.append(Event(None, "imu_interpolated", detail))
-        return events
 
 
 def _samples(values: SensorValues) -> _ImuReadings:

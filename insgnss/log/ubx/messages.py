@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.gnss.signals import CHANNEL_OFFSET
+from insgnss.log.events import listed
 from insgnss.log.messages.beidou import D1Messages, D2Messages, beidou_message, information_bits
 from insgnss.log.messages.bits import joined
 from insgnss.log.messages.broadcast import Broadcast
@@ -53,7 +54,9 @@ class UbxMessages:
         self._glonass = GlonassMessages(self.broadcast)
         self._takers: dict[str, Callable[[str, list[int], int | None, int], None]] = {
             "lnav": lambda sv, words, near, _: self._lnav.add(sv, data_bits(words), near),
-            "inav": self._inav_page,
+            "inav": lambda sv, words, near, _: self._inav.add_pages(
+                sv, joined(words[:4], 32) >> 8, joined(words[4:], 32) >> 8, near
+            ),
             "fnav": lambda sv, words, near, _: self._fnav.add(sv, joined(words, 32) >> 18, near),
             "d1": lambda sv, words, near, _: self._d1.add(sv, information_bits(words), near),
             "d2": lambda sv, words, near, _: self._d2.add(sv, information_bits(words), near),
@@ -98,9 +101,6 @@ class UbxMessages:
         words = np.frombuffer(payload, "<u4", _WORDS[kind], _HEAD).tolist()
         self._takers[kind](sv, words, near_ns, frequency)
 
-    def _inav_page(self, sv: str, words: list[int], near_ns: int | None, _: int) -> None:
-        self._inav.add_pages(sv, joined(words[:4], 32) >> 8, joined(words[4:], 32) >> 8, near_ns)
-
     def _glonass_string(self, sv: str, words: list[int], near_ns: int | None, frequency: int) -> None:
         channel = frequency - CHANNEL_OFFSET if frequency <= 13 else None
         # the fourth word holds the numbers of frame and superframe, zero where not known
@@ -108,13 +108,8 @@ class UbxMessages:
 
     def events(self, file: str) -> list[Event]:
         """Return the events of refused and unused messages, with counts."""
-        events = [
-            Event(None, "navigation_damaged", f"{file}: {count} x {reason}")
-            for reason, count in self.broadcast.refused.items()
+        unused = dict(self._unused.most_common())
+        return [
+            *self.broadcast.refused_events(file),
+            *listed("navigation_not_used", "messages of a kind not used", unused, file),
         ]
-        if self._unused:
-            listed = ", ".join(f"{count} {what}" for what, count in self._unused.most_common())
-            events.append(
-                Event(None, "navigation_not_used", f"{file}: messages of a kind not used: {listed}")
-            )
-        return events

@@ -17,14 +17,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.constants import NS_PER_MS, NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gnss.signals import CHANNEL_OFFSET
 from insgnss.gpstime import LATEST_WEEK
-from insgnss.log.events import first_events
+from insgnss.log.events import counted, first_events
 from insgnss.log.gnss_rows import in_time_order, slipped_rows
 from insgnss.log.messages.bits import joined
 from insgnss.log.messages.gps_lnav import LnavMessages
-from insgnss.log.satellites import MAX_NUMBER, SBAS_OFFSET
+from insgnss.log.satellites import CHANNELS_IN_USE, SBAS_OFFSET, rinex_name
 from insgnss.log.ubx.frames import UbxFrames
 from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Bool, Event, Float64, GnssTable, Int64
 
@@ -85,16 +85,9 @@ class RawEpochs:
 def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     """Return a file's epochs, and an event for each frame that contradicts itself or has no date."""
     data = frames.data
-    good = [
-        (offset, length)
-        for offset, length in frames.of(RAWX)
-        if length >= 16 and length == 16 + 32 * data[offset + 11]
-    ]
-    events = []
-    if len(good) < len(frames.of(RAWX)):
-        wrong = len(frames.of(RAWX)) - len(good)
-        detail = f"{frames.path}: {wrong} RXM-RAWX frames whose length and count differ; refused"
-        events.append(Event(None, "ubx_damaged", detail))
+    good = [(o, n) for o, n in frames.of(RAWX) if n >= 16 and n == 16 + 32 * data[o + 11]]
+    what = "RXM-RAWX frames whose length and count differ; refused"
+    events = counted("ubx_damaged", len(frames.of(RAWX)) - len(good), what, frames.path)
     heads = np.frombuffer(b"".join([data[o : o + 16] for o, _ in good]), _EPOCH)
     dated = np.isfinite(heads["tow_s"]) & (heads["tow_s"] >= 0.0) & (heads["tow_s"] < S_PER_WEEK + 1.0)
     dated &= (heads["week"] > 0) & (heads["week"] <= LATEST_WEEK)
@@ -109,10 +102,7 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     used = [place for place, has_date in zip(good, dated, strict=True) if has_date]
     heads = heads[dated]
     body = b"".join([data[o + 16 : o + n] for o, n in used])
-    empty = int((heads["count"] == 0).sum())
-    if empty:
-        detail = f"{frames.path}: {empty} epochs without a measurement"
-        events.append(Event(None, "gnss_epoch_empty", detail))
+    events += counted("gnss_epoch_empty", heads["count"] == 0, "epochs without a measurement", frames.path)
     tow_ns = np.rint(heads["tow_s"] * NS_PER_S).astype(np.int64)  # a double resolves 0.1 ns of a week
     known = heads["status"] & LEAP_KNOWN > 0
     epochs = RawEpochs(
@@ -159,12 +149,12 @@ def _rows(
 ) -> tuple[GnssTable, Int64, Bool, list[Event]]:
     """Return the rows, the lock time of each, whether a half cycle was subtracted, and the events of omitted rows."""
     satellite = _named(measured["gnss"], measured["satellite"], satellite_name)
-    signal = _named(measured["gnss"], measured["signal"], _signal_name)
+    signal = _named(
+        measured["gnss"], measured["signal"], lambda gnss, k: SIGNALS.get(SYSTEMS.get(gnss, ""), {}).get(k)
+    )
     known = (satellite.index >= 0) & (signal.index >= 0)
-    events = []
-    if not known.all():
-        detail = f"{path}: {int((~known).sum())} measurements of unknown satellites or signals left out"
-        events.append(Event(None, "ubx_unknown_signal", detail))
+    what = "measurements of unknown satellites or signals left out"
+    events = counted("ubx_unknown_signal", ~known, what, path)
     measured = measured[known]
     status = measured["status"]
     range_m = _valid(measured["pseudorange_m"], status & RANGE_VALID > 0)
@@ -209,15 +199,8 @@ def _named(
 
 def satellite_name(gnss: int, number: int) -> str | None:
     """Return the satellite of u-blox's two identifiers ("G05"), None when it is not known (GLONASS: 255)."""
-    system = SYSTEMS.get(gnss)
-    if system is None:
-        return None
-    number -= SBAS_OFFSET if system == "S" else 0
-    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
-
-
-def _signal_name(gnss: int, signal: int) -> str | None:
-    return SIGNALS.get(SYSTEMS.get(gnss, ""), {}).get(signal)
+    system = SYSTEMS.get(gnss, "")
+    return rinex_name(system, number - (SBAS_OFFSET if system == "S" else 0)) or None
 
 
 def _valid(values: Float64, valid: Bool | bool) -> Float64:
@@ -227,13 +210,9 @@ def _valid(values: Float64, valid: Bool | bool) -> Float64:
 def _channels(measured: npt.NDArray[np.void]) -> dict[str, int]:
     """Return the frequency channel of each GLONASS satellite, the one seen last."""
     glonass = measured[measured["gnss"] == 6]
-    pairs = np.unique(glonass["satellite"].astype(np.int64) * 256 + glonass["frequency"])
-    channels = {}
-    for pair in pairs:
-        name, channel = satellite_name(6, int(pair) >> 8), (int(pair) & 255) - CHANNEL_OFFSET
-        if name is not None and -7 <= channel <= 6:
-            channels[name] = channel
-    return channels
+    pairs = np.unique(glonass["satellite"].astype(np.int64) * 256 + glonass["frequency"]).tolist()
+    stated = [(rinex_name("R", pair >> 8), (pair & 255) - CHANNEL_OFFSET) for pair in pairs]
+    return {name: channel for name, channel in stated if name and channel in CHANNELS_IN_USE}
 
 
 RAW_LEGACY: Final = 0x0210
@@ -263,14 +242,11 @@ def legacy_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
         for o, h in headers
         if 0 < h["week"] <= LATEST_WEEK and 0 <= h["tow_ms"] <= NS_PER_WEEK // 1_000_000
     ]
-    events = []
-    wrong = len(frames.of(RAW_LEGACY)) - len(dated)
-    if wrong:
-        detail = f"{frames.path}: {wrong} RXM-RAW frame(s) without a date or of a wrong length; refused"
-        events.append(Event(None, "ubx_damaged", detail))
+    what = "RXM-RAW frame(s) without a date or of a wrong length; refused"
+    events = counted("ubx_damaged", len(frames.of(RAW_LEGACY)) - len(dated), what, frames.path)
     rows = [np.frombuffer(data, _LEGACY_MEASUREMENT, int(h["count"]), o + head) for o, h in dated]
     epochs = RawEpochs(
-        np.array([_time_ns(h) for _, h in dated], np.int64),
+        np.array([int(h["week"]) * NS_PER_WEEK + int(h["tow_ms"]) * NS_PER_MS for _, h in dated], np.int64),
         np.array([o for o, _ in dated], np.int64),
         np.full(len(dated), -128, np.int64),
         np.zeros(len(dated), np.bool_),
@@ -278,10 +254,6 @@ def legacy_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
         _as_rawx(np.concatenate(rows) if rows else np.zeros(0, _LEGACY_MEASUREMENT)),
     )
     return epochs, events
-
-
-def _time_ns(head: np.void) -> int:
-    return int(head["week"]) * NS_PER_WEEK + int(head["tow_ms"]) * (NS_PER_S // 1000)
 
 
 def _as_rawx(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:

@@ -18,6 +18,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
 from insgnss.gpstime import LATEST_WEEK, leap_seconds
+from insgnss.log.events import counted
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.ubx.frames import UbxFrames, find_frames, frames_in
 from insgnss.log.ubx.imu import MEAS, RAW, imu_table
@@ -94,7 +95,9 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
             )
         solved.append(solved_epochs(frames))
         part, raw_events = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
-        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _times_without_raw(frames, solved[-1])
+        # without measurements the receiver's solutions, else NAV-TIMEGPS, say where in the file which time is
+        own = (solved[-1].offsets, solved[-1].t_ns) if len(solved[-1].t_ns) else _gps_times(frames)
+        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else own
         messages.add_file(frames, offset, t_ns)
         table, more_events = imu_table(frames, offset, t_ns)
         events += [*frames.events(KNOWN), *raw_events, *more_events, *_time_marks(frames)]
@@ -102,8 +105,8 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         imu += [] if table is None else [table]
     gnss, more_events = observation_table(epochs, paths[0])
     joined_imu, joining = _joined_imu(imu, str(paths[0]))
-    own, source, whose = solution(solved, str(paths[0]))
-    if not len(gnss.t_ns) and joined_imu is None and own is None:
+    fixes, source, whose = solution(solved, str(paths[0]))
+    if not len(gnss.t_ns) and joined_imu is None and fixes is None:
         why = "; ".join(event.detail for event in events if event.kind == "imu_not_used")
         raise InputError(
             f"the UBX file holds no raw measurement, no inertial sample and no solution{': ' + why if why else ''}",
@@ -116,7 +119,7 @@ def _read(files: list[UbxFrames]) -> ReceiverLog:
         messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
     events += [*more_events, *messages.events(str(paths[0])), *whose]
     navigation = messages.broadcast.navigation()
-    return ReceiverLog(gnss, navigation, joined_imu, events + joining, own, solution_from=source)
+    return ReceiverLog(gnss, navigation, joined_imu, events + joining, fixes, solution_from=source)
 
 
 def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list[Event]]:
@@ -126,10 +129,7 @@ def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list
     t_ns = np.concatenate([part.t_ns for part in parts])
     order = np.argsort(t_ns, kind="stable")
     rows = order[np.concatenate(([True], np.diff(t_ns[order]) > 0))]
-    events = []
-    if len(rows) < len(t_ns):
-        detail = f"{file}: {len(t_ns) - len(rows)} samples with a repeated time left out"
-        events.append(Event(None, "imu_repeated", detail))
+    events = counted("imu_repeated", len(t_ns) - len(rows), "samples with a repeated time left out", file)
     rates, forces = (
         np.concatenate([getattr(part, name) for part in parts])[rows] for name in ("w_ib_b", "f_b")
     )
@@ -154,11 +154,6 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
             detail = f"{frames.path}: {edge} on input {mark['channel']}, to {mark['accuracy_ns']} ns"
             events.append(Event(t_ns, "time_mark", detail))
     return events
-
-
-def _times_without_raw(frames: UbxFrames, solved: SolvedEpochs) -> tuple[Int64, Int64]:
-    """Return where the receiver's solutions, else NAV-TIMEGPS, lie in a file, and their GPS times."""
-    return (solved.offsets, solved.t_ns) if len(solved.t_ns) else _gps_times(frames)
 
 
 def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:

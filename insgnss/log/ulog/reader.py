@@ -19,6 +19,7 @@ import numpy as np
 
 from insgnss.errors import InputError
 from insgnss.log.boot_time import BootClock, boot_clock
+from insgnss.log.events import counted, listed
 from insgnss.log.files import file_buffer
 from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, FurtherSamples, further_samples
 from insgnss.log.receiver import ReceiverLog, assembled
@@ -66,7 +67,8 @@ def _tables(
     data: Mapping[tuple[str, int], Any], events: list[Event], wanted: dict[str, str], path: Path
 ) -> ReceiverLog:
     """Return the content of the topics; ``events`` are those of the file itself."""
-    clock, more_events = boot_clock(_fixes(data))
+    fixes = [d for (name, _), d in data.items() if name in FIXES and "time_utc_usec" in d]
+    clock, more_events = boot_clock(max(fixes, key=lambda d: len(d["timestamp"]), default=None))
     events += more_events
     raw, more_events = _raw(data, path)
     events += more_events
@@ -117,35 +119,21 @@ def _load(path: Path) -> tuple[Any, list[Event]]:
         events.append(Event(None, "ulog_damaged", "damaged messages left out"))
     if log.dropouts:
         seconds = sum(dropout.duration for dropout in log.dropouts) / 1000.0
-        events.append(
-            Event(
-                None,
-                "ulog_dropouts",
-                f"{len(log.dropouts)} dropouts, {seconds:.2f} s in total, reported by PX4",
-            )
+        events += counted(
+            "ulog_dropouts", len(log.dropouts), f"dropouts, {seconds:.2f} s in total, reported by PX4"
         )
     return log, events
 
 
-def _fixes(data: Mapping[tuple[str, int], Any]) -> Any | None:
-    """Return the GPS messages that have most rows."""
-    messages = [d for (name, _), d in data.items() if name in FIXES and "time_utc_usec" in d]
-    return max(messages, key=lambda d: len(d["timestamp"]), default=None)
-
-
 def _not_read(wanted: Mapping[str, str], data: Mapping[tuple[str, int], Any]) -> list[Event]:
     counts = {name: len(d["timestamp"]) for (name, _), d in data.items() if name not in _USED}
-    events = []
-    if counts:
-        listed = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-        events.append(Event(None, "ulog_not_used", f"topics not read: {listed}"))
     for part, topic in wanted.items():
         if part != "gnss" and _split(topic) not in data:
             names = sorted({f"{name}:{k}" if k else name for name, k in data if name in _USED})
             raise InputError(
                 f"the ULog has no topic '{topic}'", key=f"--topic {part}", advice=f"it has {', '.join(names)}"
             )
-    return events
+    return listed("ulog_not_used", "topics not read", dict(sorted(counts.items())))
 
 
 def _split(topic: str) -> tuple[str, int]:
@@ -191,13 +179,8 @@ def _inertial(
         if key[0] in INERTIAL and key != chosen
     )
     if others:
-        events.append(
-            Event(
-                None,
-                "ulog_imu_chosen",
-                f"samples are of {chosen[0]}:{chosen[1]}; not read: {', '.join(others)}",
-            )
-        )
+        detail = f"samples are of {chosen[0]}:{chosen[1]}; not read: {', '.join(others)}"
+        events.append(Event(None, "ulog_imu_chosen", detail))
     return imu, events
 
 
@@ -206,14 +189,12 @@ def _vectors(rows: Any, names: str | tuple[str, ...]) -> Float64:
 
 
 def _increments(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:
-    t = sampled_us(rows)
-    angle, velocity = (
-        _vectors(rows, tuple(f"delta_{what}[{k}]" for k in _AXES)) for what in ("angle", "velocity")
+    w, f = (  # increments over their times, which may be zero
+        _vectors(rows, tuple(f"delta_{what}[{k}]" for k in _AXES))
+        / (np.asarray(rows[f"delta_{what}_dt"], np.float64)[:, None] * 1e-6)
+        for what in ("angle", "velocity")
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        w = angle / (np.asarray(rows["delta_angle_dt"], np.float64)[:, None] * 1e-6)
-        f = velocity / (np.asarray(rows["delta_velocity_dt"], np.float64)[:, None] * 1e-6)
-    return t, w, t, f
+    return sampled_us(rows), w, sampled_us(rows), f
 
 
 def _combined(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:

@@ -86,18 +86,25 @@ def _filtered(
         return None, []
     velocity = _beside(data.get((velocities, 0)), ("vx", "vy", "vz"), clock, t_ns[chosen])
     attitude = _beside(data.get((attitudes, 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[chosen])
-    sigma = np.full((len(chosen), 9), np.nan)
-    for name, columns in (("eph", (0, 1)), ("epv", (2,))):
-        if name in rows:
-            sigma[:, columns] = stated_sigmas(np.asarray(rows[name], np.float64))[chosen, None]
     table = own_reference(
-        t_ns[chosen], place[chosen], sigma, velocity=velocity, attitude=_euler_deg(attitude)
+        *(t_ns[chosen], place[chosen], _stated(rows, chosen, eph=(0, 1), epv=(2,))),
+        velocity=velocity,
+        attitude=_euler_deg(attitude),
     )
     listed = ", ".join(topics)
     if topics is TRUTH:
         detail = f"the reference is the simulator's truth ({listed})"
         return replace(table, quality=np.full(len(chosen), _TRUE)), [Event(None, "reference_truth", detail)]
     return table, [not_independent(f"PX4's own solution ({listed})")]
+
+
+def _stated(rows: Any, chosen: Int64, **columns: tuple[int, ...]) -> Float64:
+    """Return the sigmas (n, 9) of chosen rows, those of the named columns at these places; NaN where none is stated."""
+    sigma = np.full((len(chosen), 9), np.nan)
+    for name, places in columns.items():
+        if name in rows:
+            sigma[:, places] = stated_sigmas(np.asarray(rows[name], np.float64))[chosen, None]
+    return sigma
 
 
 def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
@@ -123,12 +130,9 @@ def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
     velocity = (
         np.column_stack([np.asarray(rows[key], np.float64) for key in speeds])[chosen]
         if set(speeds) <= set(rows)
-        else np.full((len(chosen), 3), np.nan)
+        else None
     )
-    sigma = np.full((len(chosen), 9), np.nan)
-    for key, columns in (("eph", (0, 1)), ("epv", (2,)), ("s_variance_m_s", (3, 4, 5))):
-        if key in rows:
-            sigma[:, columns] = stated_sigmas(np.asarray(rows[key], np.float64))[chosen, None]
+    sigma = _stated(rows, chosen, eph=(0, 1), epv=(2,), s_variance_m_s=(3, 4, 5))
     table = own_reference(t_ns[chosen], place[chosen], sigma, velocity=velocity)
     return table, [not_independent(f"{name}, the receiver's fixes")]
 
