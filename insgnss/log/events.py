@@ -14,7 +14,7 @@ MAX_EVENTS_EACH: Final = 20
 _T = TypeVar("_T")
 
 
-def counted(kind: str, count: int | Bool, what: str, file: object = None) -> list[Event]:
+def counted(kind: str, count: int | Bool | np.bool_, what: str, file: object = None) -> list[Event]:
     """Return an event that says how many there are of something, none for zero.
 
     Parameters

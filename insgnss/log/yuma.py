@@ -5,16 +5,16 @@ An almanac knows the orbit to a kilometre or two and the clock to some 100 m: en
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from insgnss.config.files import existing_file
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
-from insgnss.tables import EphemerisTable, Float64, NavigationData
+from insgnss.log.messages.broadcast import ELEMENTS, Ephemeris, ephemeris_table
+from insgnss.tables import NavigationData
 
 # Beginning of each line's label, lower case, and what it holds
 _LABELS: Final = {
@@ -59,7 +59,7 @@ def read_yuma(path: Path, near_week: int) -> NavigationData:
             )
     if not blocks:
         raise InputError("not a YUMA almanac: no line begins with 'ID:'", file=path)
-    return NavigationData(_table([block for _, block in blocks], near_week), None, None)
+    return NavigationData(ephemeris_table(_ephemeris(block, near_week) for _, block in blocks), None, None)
 
 
 def _blocks(path: Path, shown: Path) -> list[tuple[int, dict[str, float]]]:
@@ -91,35 +91,12 @@ def _blocks(path: Path, shown: Path) -> list[tuple[int, dict[str, float]]]:
     return blocks
 
 
-def _table(blocks: list[dict[str, float]], near_week: int) -> EphemerisTable:
-    count = len(blocks)
-
-    def of(name: str) -> Float64:
-        return np.array([block[name] for block in blocks], np.float64)
-
-    cycles = np.rint((near_week - of("week")) / _WEEKS_OF_A_CYCLE)
-    week = (of("week") + _WEEKS_OF_A_CYCLE * cycles).astype(np.int64)
-    toa_ns = week * NS_PER_WEEK + np.rint(of("toa") * NS_PER_S).astype(np.int64)
-    zero = np.zeros(count)
-    return EphemerisTable(
-        sv_names=tuple(f"G{int(block['id']):02d}" for block in blocks),
-        message=("LNAV",) * count,
-        toe_ns=toa_ns,
-        toc_ns=toa_ns,
-        toe_sow_s=(toa_ns % NS_PER_WEEK) / NS_PER_S,
-        af0=of("af0"),
-        af1=of("af1"),
-        sqrt_a=of("sqrt_a"),
-        e=of("e"),
-        i0=of("i0"),
-        omega0=of("omega0"),
-        omega=of("omega"),
-        m0=of("m0"),
-        omega_dot=of("omega_dot"),
-        health=of("health"),
-        group_delay_s=np.zeros((count, 2)),
-        accuracy_m=np.full(count, np.nan),
-        issue=zero,
-        fit_interval_s=np.full(count, np.nan),
-        **{name: zero for name in ("af2", "delta_n", "idot", "cuc", "cus", "crc", "crs", "cic", "cis")},
+def _ephemeris(block: dict[str, float], near_week: int) -> Ephemeris:
+    """Return a satellite's message; what an almanac does not state is zero, its accuracy and interval not known."""
+    cycles = round((near_week - block["week"]) / _WEEKS_OF_A_CYCLE)
+    toa_ns = (int(block["week"]) + _WEEKS_OF_A_CYCLE * cycles) * NS_PER_WEEK + round(block["toa"] * NS_PER_S)
+    elements = {"toe_sow_s": (toa_ns % NS_PER_WEEK) / NS_PER_S, **block}
+    return Ephemeris(
+        *(f"G{int(block['id']):02d}", "LNAV", toa_ns, toa_ns, (0.0, 0.0), block["health"]),
+        *(math.nan, 0.0, math.nan, tuple(elements.get(name, 0.0) for name in ELEMENTS)),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import fields
 from typing import Final, NamedTuple
 
@@ -106,10 +107,10 @@ class Broadcast:
             return None
         rows = {name: np.array(values, dtype=np.float64) for name, values in self.ionosphere.items()}
         return NavigationData(
-            _ephemeris_table(self.ephemerides),
+            ephemeris_table(self.ephemerides),
             rows.pop("gps", None),
             self.leap_seconds,
-            _state_table(self.states) if self.states else None,
+            state_table(self.states) if self.states else None,
             rows,
         )
 
@@ -127,7 +128,7 @@ def in_nearest_week(week: int, rollover: int, sow_s: float, near_ns: int) -> int
     return near_ns + (sent - near_ns + period // 2) % period - period // 2
 
 
-def _ephemeris_table(messages: dict[Ephemeris, None]) -> EphemerisTable:
+def ephemeris_table(messages: Iterable[Ephemeris]) -> EphemerisTable:
     """Return the messages by satellite and reference time; equal ones in the order received."""
     rows = sorted(messages, key=lambda m: (m.sv, m.toe_ns, m.toc_ns, m.message))
     columns: dict[str, Float64] = {
@@ -145,7 +146,8 @@ def _ephemeris_table(messages: dict[Ephemeris, None]) -> EphemerisTable:
     )
 
 
-def _state_table(messages: dict[StateVector, None]) -> StateVectorTable:
+def state_table(messages: Iterable[StateVector]) -> StateVectorTable:
+    """Return the messages by satellite and reference time."""
     rows = sorted(messages, key=lambda m: (m.sv, m.t_ns))
     values = {f.name: [getattr(row, f.name, None) for row in rows] for f in fields(StateVectorTable)}
     dtypes = {"t_ns": np.int64, "channel": np.int16}

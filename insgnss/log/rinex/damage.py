@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.log.rinex.text import EPOCH_2, EPOCH_3, LABEL_COLUMN, ObservationText, version_of, without_tabs
 from insgnss.tables import Event
 
@@ -71,39 +72,30 @@ class _CellLine(NamedTuple):
     column: int
 
 
-def parse_around_damage(
-    text: ObservationText, parse: Callable[[str], Any], error: type[Exception]
-) -> ParsedText:
+def parse_around_damage(text: ObservationText) -> ParsedText:
     """Parse all epochs that can be parsed, halving the stretch around each one that cannot, and mending that one."""
     parsed = ParsedText()
     stretches = [(0, len(text.epochs))]
     while stretches:
         start, end = stretches.pop()
         try:
-            parsed.stretches.append(ParsedStretch(parse(text.part(start, end))))
-        except error as problem:
+            parsed.stretches.append(ParsedStretch(sidereon.parse_rinex_obs(text.part(start, end))))
+        except sidereon.SidereonError as problem:
             if end - start > 1:
                 middle = (start + end) // 2
                 stretches += [(middle, end), (start, middle)]
             elif end > start:
-                _parse_mended(text, start, parse, error, parsed, str(problem))
+                _parse_mended(text, start, parsed, str(problem))
     return parsed
 
 
-def _parse_mended(
-    text: ObservationText,
-    index: int,
-    parse: Callable[[str], Any],
-    error: type[Exception],
-    parsed: ParsedText,
-    problem: str,
-) -> None:
+def _parse_mended(text: ObservationText, index: int, parsed: ParsedText, problem: str) -> None:
     """Add a damaged epoch to ``parsed``, read without its damaged cells or refused."""
     header = text.header_at(index)
     mended, cells = without_damaged_cells(text.epochs[index], header, text.lines[index])
     try:
-        parsed.stretches.append(ParsedStretch(parse(header + mended), cells))
-    except error:
+        parsed.stretches.append(ParsedStretch(sidereon.parse_rinex_obs(header + mended), cells))
+    except sidereon.SidereonError:
         why = _wrong_length(text.epochs[index], header) or problem
         parsed.refused.append((text.lines[index], why))
 

@@ -7,9 +7,9 @@ Y. Hatanaka, "A compression format and tools for GNSS observation data", Bulleti
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.log.rinex.text import version_of
 
 # Where the epoch line, its differences applied, names the flag and the number of satellites or lines, and what makes
@@ -45,7 +45,7 @@ def differenced(before: str, line: str) -> str:
     return "".join(old if new == " " else " " if new == "&" else new for old, new in pairs)
 
 
-def sound_start(text: str, decode: Callable[[str], str], error: type[Exception]) -> tuple[str, int] | None:
+def sound_start(text: str) -> tuple[str, int] | None:
     """Decode as many whole epochs from the start of the file as can be decoded, by halving.
 
     Returns
@@ -59,8 +59,8 @@ def sound_start(text: str, decode: Callable[[str], str], error: type[Exception])
     while unsound - sound > 1:
         middle = (sound + unsound) // 2
         try:
-            best = decode("".join(lines[: starts[middle]])), starts[middle] + 1
+            best = sidereon.decode_crinex("".join(lines[: starts[middle]])), starts[middle] + 1
             sound = middle
-        except error:
+        except sidereon.SidereonError:
             unsound = middle
     return best

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
+from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.log.rinex.text import FIRST_LABEL, LABEL_COLUMN
 from insgnss.tables import Event
 
 _QUOTED: Final = re.compile(r'in "(.*)"\s*$', re.DOTALL)  # the reader's error quotes the line
 _TYPES: Final = "SYS / # / OBS TYPES"
 # What the epochs cannot be read, dated or scaled without
-_NEEDED: Final = (
-    FIRST_LABEL,
-    "# / TYPES OF OBSERV",
-    _TYPES,
-    "SYS / SCALE FACTOR",
-    "END OF HEADER",
-)
+_NEEDED: Final = (FIRST_LABEL, "# / TYPES OF OBSERV", _TYPES, "SYS / SCALE FACTOR", "END OF HEADER")
 _MOST_LINES: Final = 20
 _END: Final = "END OF HEADER"
 _SLOTS: Final = "GLONASS SLOT / FRQ #"
@@ -30,16 +24,14 @@ _BEIDOU_7Q: Final = re.compile(rf"^C (?=.*\b[CLDS]7Q\b).*{_TYPES}", re.MULTILINE
 _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z]{3})")
 
 
-def mended_header(
-    text: str, parse: Callable[[str], Any], error: type[Exception], path: str
-) -> tuple[str, list[Event]]:
+def mended_header(text: str, path: str) -> tuple[str, list[Event]]:
     """Return a text with its header lines repaired for the reader, as far as possible, and the repairs."""
     events: list[Event] = []
     for _ in range(_MOST_LINES):
         try:
-            parse(text)
+            sidereon.parse_rinex_obs(text)
             break
-        except error as problem:
+        except sidereon.SidereonError as problem:
             quoted = _QUOTED.search(str(problem))
         end = text.find("END OF HEADER")
         at = text.find(quoted[1], 0, max(end, 0)) if quoted and quoted[1].strip() else -1
@@ -85,19 +77,19 @@ def phone_codes(text: str, path: str) -> tuple[str, list[Event]]:
     return text[: line.start()] + renamed + text[line.end() :], [event]
 
 
-def slot_channels(text: str, path: str) -> tuple[str, dict[str, int], list[Event]]:
-    """Return a text with its lines of GLONASS channels made comments, the channels, and an event of each unread part.
+def slot_channels(text: str, path: str, channels: dict[str, int]) -> tuple[str, list[Event]]:
+    """Return a text with its lines of GLONASS channels made comments, and an event of each unread part.
 
-    The channels are read in whatever columns they stand, in the header and in later header records.
+    The channels are added to ``channels``. They are read in whatever columns they stand, in the header and in later
+    header records.
     """
-    channels: dict[str, int] = {}
     events: list[Event] = []
     pieces, done = [], 0
     at = text.find(_SLOTS)
     while at >= 0:
         start, end = text.rfind("\n", 0, at) + 1, text.find("\n", at)
         body = text[start:at]
-        channels |= {f"R{int(slot):02d}": int(channel) for slot, channel in _SLOT.findall(body)}
+        channels.update((f"R{int(slot):02d}", int(channel)) for slot, channel in _SLOT.findall(body))
         unread = re.sub(r"^ *\d*", "", _SLOT.sub("", body)).split()
         if unread:
             line = text.count("\n", 0, start) + 1
@@ -105,12 +97,10 @@ def slot_channels(text: str, path: str) -> tuple[str, dict[str, int], list[Event
         pieces += [text[done:start], _COMMENT]
         done = len(text) if end < 0 else end
         at = text.find(_SLOTS, done)
-    return "".join([*pieces, text[done:]]), channels, events
+    return "".join([*pieces, text[done:]]), events
 
 
-def without_skipped_lines(
-    text: str, parse: Callable[[str], Any], error: type[Exception], path: str
-) -> tuple[str, list[Event]]:
+def without_skipped_lines(text: str, path: str) -> tuple[str, list[Event]]:
     """Return a text without the header lines that the reader cannot read and passes over, and an event of each."""
     begin = text.find(_END)
     if begin < 0:
@@ -118,7 +108,7 @@ def without_skipped_lines(
     lines = text[:begin].split("\n")
     events: list[Event] = []
     try:
-        skipped = parse(text[:begin] + _END).skipped_records
+        skipped = sidereon.parse_rinex_obs(text[:begin] + _END).skipped_records
         if not skipped:  # of nearly all files: no copy of the text
             return text, []
         for k, line in enumerate(lines[1:], start=1):
@@ -128,13 +118,13 @@ def without_skipped_lines(
             if not label or label in _NEEDED:
                 continue
             lines[k] = _COMMENT
-            left = parse("\n".join(lines) + _END).skipped_records
+            left = sidereon.parse_rinex_obs("\n".join(lines) + _END).skipped_records
             if left < skipped:
                 events.append(_mended(path, k + 1, label, f"left out: {line[:LABEL_COLUMN].strip()}"))
             else:
                 lines[k] = line
             skipped = left
-    except error:  # the whole text's parse says what is wrong
+    except sidereon.SidereonError:  # the whole text's parse says what is wrong
         return text, []
     return "\n".join(lines) + text[begin:], events
 

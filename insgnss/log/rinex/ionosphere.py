@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.log.rinex.text import numbers_in
 from insgnss.tables import Float64
 
 # Names of the header lines (RINEX 3.05, table A5): the two of Klobuchar's form, or the one of Galileo
@@ -68,9 +69,8 @@ def _from_messages(text: str) -> Iterator[tuple[str, list[float]]]:
 
 
 def _numbers(line: str, start: int, width: int, n: int) -> list[float] | None:
-    """Return ``n`` numbers of a line, a blank one as zero; None when one cannot be read."""
-    fields = (line[start + width * k : start + width * (k + 1)].strip() for k in range(n))
+    """Return the numbers of ``numbers_in``, None when one cannot be read."""
     try:
-        return [float(field.replace("D", "E").replace("d", "E")) if field else 0.0 for field in fields]
+        return numbers_in(line, start, width, n)
     except ValueError:
         return None

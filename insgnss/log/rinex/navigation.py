@@ -20,8 +20,8 @@ from insgnss.errors import NavigationDataError
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
-from insgnss.log.events import first_events
-from insgnss.log.messages.broadcast import StateVector
+from insgnss.log.events import counted, first_events, listed
+from insgnss.log.messages.broadcast import ELEMENTS, Ephemeris, StateVector, ephemeris_table
 from insgnss.log.rinex.ionosphere import read_ionosphere
 from insgnss.log.rinex.states import (
     IMPOSSIBLE_DATE,
@@ -45,10 +45,6 @@ MESSAGES: Final = {
 }
 _NO_SATELLITE: Final = re.compile(r"^(> (?:STO|EOP|ION) [A-Z])  (?= )", re.MULTILINE)
 _READ_ELSEWHERE: Final = ("glonass", "sbas", "ionosphere")
-_ELEMENTS: Final = (
-    *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
-    *("cuc", "cus", "crc", "crs", "cic", "cis"),
-)
 
 
 class _MessageForm(NamedTuple):
@@ -134,9 +130,9 @@ def read_navigation(
         )
     table, repeated = _ephemerides(contents.keplerian)
     states, repeated_states = state_vector_table(contents.states)
-    if repeated + repeated_states:
-        detail = f"{repeated + repeated_states} repeated message(s) left out"
-        contents.events.append(Event(None, "navigation_repeated", detail))
+    contents.events += counted(
+        "navigation_repeated", repeated + repeated_states, "repeated message(s) left out"
+    )
     navigation = NavigationData(
         ephemerides=table,
         klobuchar=contents.klobuchar,
@@ -198,16 +194,16 @@ def _read_records(text: str, path: str, contents: _NavigationContents) -> None:
             contents.keplerian.append(record)
         elif record.is_cnav_family:
             kinds[f"{label} (orbit)"] += 1
-            contents.inter_signal_s[record.satellite] = _inter_signal(record)
+            names = (f"cnav_isc_{name}_s" for name in ("l1ca", "l2c", "l5i5", "l5q5", "l1cd", "l1cp"))
+            corrections = [_or_nan(getattr(record.group_delays, name)) for name in names]
+            contents.inter_signal_s[record.satellite] = np.array(corrections)
         else:
             kinds[label] += 1
     _tell_damage(damaged, path, contents.events)
     _tell_channels(states.found, path, contents.events)
     kinds += Counter(block.kind for block in parsed.other if block.kind not in _READ_ELSEWHERE)
-    if kinds:
-        listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        detail = f"{path}: messages of a kind not used: {listed}"
-        contents.events.append(Event(None, "navigation_not_used", detail))
+    unused = dict(sorted(kinds.items()))
+    contents.events += listed("navigation_not_used", "messages of a kind not used", unused, path)
 
 
 def _tell_damage(damaged: list[tuple[int, str, str]], path: str, events: list[Event]) -> None:
@@ -232,13 +228,6 @@ def _tell_channels(states: list[StateVector], path: str, events: list[Event]) ->
         events.append(Event(None, "glonass_channel_missing", detail))
 
 
-def _inter_signal(record: Any) -> Float64:
-    """Return the corrections of ``NavigationData.inter_signal_s``."""
-    delays = record.group_delays
-    names = ("l1ca", "l2c", "l5i5", "l5q5", "l1cd", "l1cp")
-    return np.array([_or_nan(getattr(delays, f"cnav_isc_{name}_s")) for name in names])
-
-
 def _klobuchar(text: str, read_alone: Float64 | None) -> Float64 | None:
     """Return GPS's coefficients, those that were ``read_alone`` where a damaged set of any system stops the reader."""
     try:
@@ -258,35 +247,20 @@ def _leap_seconds(text: str) -> int | None:
 
 def _ephemerides(records: list[Any]) -> tuple[EphemerisTable, int]:
     """Return the distinct messages, sorted by satellite and reference time, and how many were repeated."""
-    distinct: dict[tuple[Any, ...], Any] = {}
+    distinct: dict[tuple[Any, ...], Ephemeris] = {}
     for record in records:
         toc_ns, toe_ns = _reference_times_ns(record)
-        key = (record.satellite, toe_ns, toc_ns, MESSAGES[record.message.label], record.issue)
-        distinct.setdefault(key, record)
-    keys = sorted(
-        distinct, key=lambda key: (key[0], key[1], key[2], key[3], -1 if key[4] is None else key[4])
-    )
-    rows = [distinct[key] for key in keys]
-    elements = {
-        name: np.array([getattr(row.elements, name) for row in rows], dtype=np.float64) for name in _ELEMENTS
-    }
-    table = EphemerisTable(
-        sv_names=tuple(key[0] for key in keys),
-        message=tuple(key[3] for key in keys),
-        toe_ns=np.array([key[1] for key in keys], dtype=np.int64),
-        toc_ns=np.array([key[2] for key in keys], dtype=np.int64),
-        toe_sow_s=np.array([row.elements.toe_sow for row in rows], dtype=np.float64),
-        af0=np.array([row.clock.af0 for row in rows], dtype=np.float64),
-        af1=np.array([row.clock.af1 for row in rows], dtype=np.float64),
-        af2=np.array([row.clock.af2 for row in rows], dtype=np.float64),
-        group_delay_s=np.array([_group_delays(row) for row in rows], dtype=np.float64).reshape(-1, 2),
-        health=np.array([row.sv_health for row in rows], dtype=np.float64),
-        accuracy_m=np.array([_or_nan(row.sv_accuracy_m) for row in rows], dtype=np.float64),
-        issue=np.array([_or_nan(row.issue) for row in rows], dtype=np.float64),
-        fit_interval_s=np.array([_or_nan(row.fit_interval_s) for row in rows], dtype=np.float64),
-        **elements,
-    )
-    return table, len(records) - len(rows)
+        message, clock = MESSAGES[record.message.label], record.clock
+        key = (record.satellite, toe_ns, toc_ns, message, -1 if record.issue is None else record.issue)
+        if key in distinct:
+            continue
+        elements = (getattr(record.elements, name) for name in ELEMENTS[4:])
+        distinct[key] = Ephemeris(
+            *(record.satellite, message, toe_ns, toc_ns, _group_delays(record), record.sv_health),
+            *(_or_nan(record.sv_accuracy_m), _or_nan(record.issue), _or_nan(record.fit_interval_s)),
+            (record.elements.toe_sow, clock.af0, clock.af1, clock.af2, *elements),
+        )
+    return ephemeris_table(distinct[key] for key in sorted(distinct)), len(records) - len(distinct)
 
 
 def _reference_times_ns(record: Any) -> tuple[int, int]:

@@ -15,7 +15,7 @@ from insgnss.errors import InputError
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
-from insgnss.log.events import first_events
+from insgnss.log.events import counted, first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.damage import (
     DamagedCell,
@@ -89,25 +89,25 @@ def _read_path(path: Path, offset_s: float) -> tuple[list[GnssTable], list[Event
 def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable, list[Event]]:
     path = file.name
     text, events = _observation_text(file)
-    text, more_events = observations_without_tabs(text, path)
-    events += more_events
-    text, more_events = with_first_label(text, path)
-    events += more_events
-    text, channels, more_events = slot_channels(text, path)
-    events += more_events
-    text, more_events = phone_codes(text, path)
-    events += more_events
-    text, more_events = without_skipped_lines(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
-    events += more_events
+    channels: dict[str, int] = {}
+    for mended in (
+        observations_without_tabs,
+        with_first_label,
+        lambda text, path: slot_channels(text, path, channels),
+        phone_codes,
+        without_skipped_lines,
+    ):
+        text, more_events = mended(text, path)
+        events += more_events
     try:
         parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
     except sidereon.SidereonError as error:
-        text, more_events = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+        text, more_events = mended_header(text, path)
         events += more_events
         blocks = split_epochs(text)
         if not blocks.epochs:
             raise InputError(f"not a RINEX observation file: {error}", file=path) from error
-        parsed = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
+        parsed = parse_around_damage(blocks)
     events += _damage_events(parsed, path)
     values = ObservationValues()
     for product, damaged_cells in parsed.stretches:
@@ -118,10 +118,8 @@ def _read_observation_file(file: JoinedFile, offset_s: float) -> tuple[GnssTable
     if not len(table.t_ns):
         why = f": {parsed.refused[0][1]}" if parsed.refused else ""
         raise InputError(f"the RINEX file holds no observation that can be read{why}", file=path)
-    if values.phases_alone:
-        detail = f"{path}: {values.phases_alone} carrier phase(s) without pseudorange and Doppler left out"
-        events.append(Event(None, "rinex_phase_alone", detail))
-    return table, events
+    what = "carrier phase(s) without pseudorange and Doppler left out"
+    return table, events + counted("rinex_phase_alone", values.phases_alone, what, path)
 
 
 def _lost_lines(text: str, values: ObservationValues, path: str) -> list[Event]:
@@ -129,14 +127,11 @@ def _lost_lines(text: str, values: ObservationValues, path: str) -> list[Event]:
     if values.version < 3.0:
         return []
     written = text.count("\n", text.find("END OF HEADER"), len(text.rstrip("\n \x1a")))
-    counts = (
-        (written - values.lines, "belong to no epoch: the line of an epoch states too few satellites"),
-        (values.repeated, "name a satellite a second time in their epoch"),
-    )
+    outside = "line(s) belong to no epoch: the line of an epoch states too few satellites; left out"
+    repeated = "line(s) name a satellite a second time in their epoch; left out"
     return [
-        Event(None, "rinex_lines_not_read", f"{path}: {count} line(s) {why}; left out")
-        for count, why in counts
-        if count > 0
+        *counted("rinex_lines_not_read", max(written - values.lines, 0), outside, path),
+        *counted("rinex_lines_not_read", max(values.repeated, 0), repeated, path),
     ]
 
 
@@ -176,7 +171,7 @@ def _unpacked(text: str, path: str) -> tuple[str, list[Event]]:
     try:
         return sidereon.decode_crinex(text), []
     except sidereon.SidereonError as error:
-        before = sound_start(text, sidereon.decode_crinex, sidereon.SidereonError)
+        before = sound_start(text)
         if before is None:
             message = f"the Hatanaka compression cannot be undone: {error}"
             raise InputError(message, file=path, advice="pack the file again, or give it unpacked") from error
@@ -217,10 +212,8 @@ def _collect(
         if satellites not in layouts:
             layouts[satellites] = values.new_layout(series.satellites, series.codes)
         values.append(t_ns, layouts[satellites], _marked(series, damaged_cells), series.lli)
-    if product.skipped_records:
-        detail = f"{path}: {product.skipped_records} observation record(s) could not be read"
-        events.append(Event(None, "rinex_record_skipped", detail))
-    return events
+    what = "observation record(s) could not be read"
+    return events + counted("rinex_record_skipped", product.skipped_records, what, path)
 
 
 def _marked(series: Any, damaged_cells: Sequence[DamagedCell]) -> Float64:

@@ -16,7 +16,8 @@ from insgnss.constants import M_PER_KM
 from insgnss.gnss import sidereon_on_demand as sidereon
 from insgnss.gnss.signals import CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import datetime_to_ns, utc_to_ns
-from insgnss.log.messages.broadcast import StateVector
+from insgnss.log.messages.broadcast import StateVector, state_table
+from insgnss.log.rinex.text import numbers_in
 from insgnss.tables import StateVectorTable
 
 NO_DATE: Final = -1  # [ns] for the year 1 and its like
@@ -64,22 +65,7 @@ def is_date(t_ns: int) -> bool:
 def state_vector_table(states: Sequence[StateVector]) -> tuple[StateVectorTable | None, int]:
     """Return the distinct messages, sorted by satellite and time, and how many were repeated; None without any."""
     distinct = {(state.sv, state.t_ns): state for state in states}
-    rows = [distinct[key] for key in sorted(distinct)]
-    if not rows:
-        return None, 0
-    table = StateVectorTable(
-        sv_names=tuple(row.sv for row in rows),
-        t_ns=np.array([row.t_ns for row in rows], dtype=np.int64),
-        r_e=np.array([row.r_e for row in rows], dtype=np.float64),
-        v_e=np.array([row.v_e for row in rows], dtype=np.float64),
-        a_e=np.array([row.a_e for row in rows], dtype=np.float64),
-        clock_s=np.array([row.clock_s for row in rows], dtype=np.float64),
-        clock_rate=np.array([row.clock_rate for row in rows], dtype=np.float64),
-        group_delay_s=np.array([row.group_delay_s for row in rows], dtype=np.float64),
-        health=np.array([row.health for row in rows], dtype=np.float64),
-        channel=np.array([row.channel for row in rows], dtype=np.int16),
-    )
-    return table, len(states) - len(rows)
+    return state_table(distinct.values()) if distinct else None, len(states) - len(distinct)
 
 
 def _glonass(record: Any) -> StateVector:
@@ -112,8 +98,12 @@ def _read_alone(lines: list[str], line: int, result: StateVectors) -> None:
     """Add one GLONASS message of a file that cannot be read whole."""
     block = _block(lines, line)
     for attempt in (block, _without_channel(block, old=_version(lines) < 3.0)):
+        # a message of four lines is what RINEX 3.04 asks for, whatever the file calls itself
+        is_short = 3.04 < _version(lines) < 4.0 and len(attempt) - attempt[0].startswith(">") == 4
+        stated = f"{3.04:9.2f}{lines[0][9:]}" if is_short else lines[0]
         try:
-            records = sidereon.parse_rinex_glonass_records(_file_of(lines, attempt))
+            file = "\n".join([stated, "".ljust(60) + "END OF HEADER", *attempt]) + "\n"
+            records = sidereon.parse_rinex_glonass_records(file)
         except sidereon.SidereonError as error:
             why = str(error)
             if "channel" not in why:
@@ -144,13 +134,6 @@ def _block(lines: list[str], line: int) -> list[str]:
     return lines[first:last]
 
 
-def _file_of(lines: list[str], block: list[str]) -> str:
-    """Return a file of one message; one of four lines is what RINEX 3.04 asks for, whatever the file calls itself."""
-    length = len(block) - block[0].startswith(">")
-    stated = f"{3.04:9.2f}{lines[0][9:]}" if 3.04 < _version(lines) < 4.0 and length == 4 else lines[0]
-    return "\n".join([stated, "".ljust(60) + "END OF HEADER", *block]) + "\n"
-
-
 def _without_channel(block: list[str], *, old: bool) -> list[str]:
     """Return the message with the channel's field filled in as not known."""
     at = block[0].startswith(">") + 2
@@ -168,8 +151,8 @@ def _sbas(block: list[str], *, old: bool) -> StateVector:
     year, month, day, hour, minute = (int(part) for part in date[:5])
     year += 0 if year > 99 else 1900 if year >= 80 else 2000
     when = dt.datetime(year, month, day, hour, minute) + dt.timedelta(seconds=float(date[5]))
-    clock_s, clock_rate, _ = _numbers(block[0], head, 3)
-    rows = np.array([_numbers(line, head - 19, 4) for line in block[1:4]])
+    clock_s, clock_rate, _ = numbers_in(block[0], head, NUMBER_WIDTH, 3)
+    rows = np.array([numbers_in(line, head - 19, NUMBER_WIDTH, 4) for line in block[1:4]])
     sv = f"S{int(block[0][:2]):02d}" if old else block[0][:3].replace(" ", "0")
     return StateVector(
         sv=sv,
@@ -183,9 +166,3 @@ def _sbas(block: list[str], *, old: bool) -> StateVector:
         health=float(rows[0, 3]),
         channel=UNKNOWN_CHANNEL,
     )
-
-
-def _numbers(line: str, start: int, n: int) -> list[float]:
-    """Return the ``n`` numbers of a line from a column on; a blank one counts as zero."""
-    fields = (line[start + NUMBER_WIDTH * k : start + NUMBER_WIDTH * (k + 1)].strip() for k in range(n))
-    return [float(field.replace("D", "E").replace("d", "E")) if field else 0.0 for field in fields]

@@ -110,6 +110,12 @@ def _whose_types(line: str) -> tuple[str, str]:
     return line[LABEL_COLUMN:].strip(), line[:1]
 
 
+def numbers_in(line: str, start: int, width: int, n: int) -> list[float]:
+    """Return the ``n`` numbers of a line in columns of a width from ``start`` on; a blank one counts as zero."""
+    fields = (line[start + width * k : start + width * (k + 1)].strip() for k in range(n))
+    return [float(field.replace("D", "E").replace("d", "E")) if field else 0.0 for field in fields]
+
+
 def version_of(text: str) -> float:
     """Return the RINEX version of the first line, 0.0 when there is none."""
     try:
