@@ -42,7 +42,7 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
     """
     first_ns = log.span_ns()[0]
     when = f"{ns_to_datetime(first_ns):%Y-%m-%d %H:%M:%S} GPS time"
-    named = _comment(", ".join(path.name for path in sources))
+    named = "".join(c if c.isprintable() else "?" for c in ", ".join(path.name for path in sources))
     others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE, FIXES_FILE, *(samples.file for samples in log.further)}
     lines = [
         f"# First flight file, from {named} ({when}).",
@@ -207,8 +207,3 @@ def _escaped(name: str) -> str:
     return "".join(
         f"\\u{ord(c):04X}" if c in '"\\' or (not c.isprintable() and ord(c) < 65536) else c for c in name
     )
-
-
-def _comment(text: str) -> str:
-    """Return a text that fits on a comment's line."""
-    return "".join(c if c.isprintable() else "?" for c in text)

@@ -23,10 +23,11 @@ from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, read_timed_table
+from insgnss.log.events import counted
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.log.stated_format import naming_format
-from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import Event, Float64, GnssTable, Int8, Int16
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band
 ASSUMED_SIGNAL: Final = {"G": "C1C", "R": "C1C", "E": "C1C", "C": "C2I", "J": "C1C", "I": "C5A", "S": "C1C"}
@@ -79,7 +80,7 @@ def _read_file(
 ) -> tuple[GnssTable, list[Event]]:
     names = config.columns
     with naming_format(path, of_gnss=True):
-        t_ns, table = read_timed_table(path, config, replace(_wanted(names), elsewhere=elsewhere), week)
+        t_ns, table = read_timed_table(path, config, _wanted(names, elsewhere), week)
     t_ns, continued = continued_times(t_ns, previous_ns, config, str(path))
     sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, config, path)
@@ -92,22 +93,22 @@ def _read_file(
     events += _unknown_signals(table, config, sv, sv_names, path)
     states, unused = _satellite_states(table, config, path)
     events += unused
+    # rows whose range, Doppler or range rate holds something that is neither empty nor a number
+    measured = (names.pseudorange, names.doppler, names.range_rate, names.carrier)
+    bad_rows = [table.bad_cells[name] for name in measured if name in table.bad_cells]
     whole = GnssTable(
-        t_ns,
-        sv,
-        signal,
-        pseudorange_m,
-        table.column_or_nan(names.doppler),
-        table.column_or_nan(names.range_rate),
-        table.column_or_nan(names.cn0),
-        sv_names,
-        signal_names,
-        states,
-        table.columns.get(names.sigma_pseudorange),
-        table.columns.get(names.sigma_range_rate),
-        _bad_rows(table, names),
-        table.columns.get(names.carrier),
-        _flags(table.columns.get(names.lli)),
+        *(t_ns, sv, signal, pseudorange_m),
+        doppler_hz=table.column_or_nan(names.doppler),
+        range_rate_mps=table.column_or_nan(names.range_rate),
+        cn0_dbhz=table.column_or_nan(names.cn0),
+        sv_names=sv_names,
+        signal_names=signal_names,
+        sat=states,
+        sigma_pseudorange_m=table.columns.get(names.sigma_pseudorange),
+        sigma_range_rate_mps=table.columns.get(names.sigma_range_rate),
+        bad_cells=np.unique(np.concatenate([np.zeros(0, np.int64), *bad_rows])),
+        carrier_cycles=table.columns.get(names.carrier),
+        lli=_flags(table.columns.get(names.lli)),
     )
     if names.doppler not in table.columns and names.range_rate not in table.columns:
         detail = f"{path}: neither '{names.doppler}' nor '{names.range_rate}': pseudoranges only"
@@ -115,22 +116,16 @@ def _read_file(
     return (whole if (sv >= 0).all() else whole.take(np.flatnonzero(sv >= 0))), events
 
 
-def _wanted(names: GnssColumns) -> ColumnSelection:
+def _wanted(names: GnssColumns, elsewhere: Sequence[str]) -> ColumnSelection:
     return ColumnSelection(
         optional=(
-            names.pseudorange,
-            names.doppler,
-            names.range_rate,
-            names.carrier,
-            names.lli,
-            names.cn0,
-            names.sigma_pseudorange,
-            names.sigma_range_rate,
-            *_state_columns(names),
+            *(names.pseudorange, names.doppler, names.range_rate, names.carrier, names.lli, names.cn0),
+            *(names.sigma_pseudorange, names.sigma_range_rate, *_state_columns(names)),
         ),
         text=(names.sv,),
         optional_text=(names.signal, names.system),
         chosen=names.chosen_names(),
+        elsewhere=elsewhere,
     )
 
 
@@ -175,7 +170,7 @@ def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Eve
     ------
     ColumnError : none is
     """
-    events = []
+    events: list[Event] = []
     for name in names:
         sigma = table.columns.get(name, np.zeros(0))
         stated = int(np.isfinite(sigma).sum())
@@ -187,9 +182,8 @@ def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Eve
                 column=name,
                 advice="leave the column out: the filter then uses its own sigmas",
             )
-        if wrong:
-            detail = f"{path}: column '{name}': {wrong} of {stated} sigmas are not above zero: not used ('bad_sigma')"
-            events.append(Event(None, "gnss_bad_sigma", detail))
+        what = f"of {stated} sigmas are not above zero: not used ('bad_sigma')"
+        events += counted("gnss_bad_sigma", wrong, what, f"{path}: column '{name}'")
     return events
 
 
@@ -206,7 +200,7 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float6
         return np.column_stack([table.columns[name] for name in columns]), []
     if len(missing) == len(columns):
         return None, []
-    if not _has_orbits(config):
+    if not (config.navigation or config.precise):
         raise ColumnError(
             "the log has some columns of the satellite states, but not this one",
             file=path,
@@ -220,17 +214,13 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float6
     return None, [Event(None, "satellite_states_not_used", detail)]
 
 
-def _has_orbits(config: Gnss) -> bool:
-    return bool(config.navigation or config.precise)
-
-
 def _states_of_one_source(parts: list[GnssTable], config: Gnss) -> tuple[list[GnssTable], list[Event]]:
     """Take the satellites of all files from the same source: from the navigation files where one log lacks states."""
     without = [path for path, part in zip(config.files, parts, strict=True) if part.sat is None]
     if not without or len(without) == len(parts):
         return parts, []
     others = f"the satellite states of the other {len(parts) - len(without)} file(s)"
-    if not _has_orbits(config):
+    if not (config.navigation or config.precise):
         detail = (
             f"{without[0]}: no satellite states, as {others} have, and no navigation file: no row is used"
         )
@@ -239,13 +229,6 @@ def _states_of_one_source(parts: list[GnssTable], config: Gnss) -> tuple[list[Gn
         f"{without[0]}: no satellite states; {others} are not used: the navigation files replace all of them"
     )
     return [replace(part, sat=None) for part in parts], [Event(None, "satellite_states_not_used", detail)]
-
-
-def _bad_rows(table: CsvTable, names: GnssColumns) -> Int64:
-    """Return the rows whose range, Doppler or range rate holds something that is neither empty nor a number."""
-    measured = (names.pseudorange, names.doppler, names.range_rate, names.carrier)
-    rows = [table.bad_cells[name] for name in measured if name in table.bad_cells]
-    return np.unique(np.concatenate(rows)) if rows else np.zeros(0, np.int64)
 
 
 def _flags(column: Float64 | None) -> Int8 | None:
@@ -273,8 +256,8 @@ def _signals(
     if not empty.any():
         return signal, names, []
     signal[empty] = of_satellite[sv[empty]]
-    detail = f"{path}: {int(empty.sum())} row(s) without a signal: {_summary(assumed, sv_names)} assumed"
-    return signal, names, [Event(None, "signal_assumed", detail)]
+    what = f"row(s) without a signal: {_summary(assumed, sv_names)} assumed"
+    return signal, names, counted("signal_assumed", empty, what, path)
 
 
 def _unknown_signals(

@@ -17,12 +17,13 @@ from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android.reader import read_android
 from insgnss.log.csv.columns import NOTHING_SHARED, FileColumns
+from insgnss.log.events import counted
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.overlap import check_navigation_time
 from insgnss.log.phone_satellites import states_beside, with_slots
 from insgnss.log.precise import read_antennas, read_precise
-from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.sbf.reader import MEASUREMENTS_NOT_READ, read_sbf
 from insgnss.log.ubx.reader import read_ubx
@@ -87,10 +88,7 @@ def read_gnss_logs(
 
 def without_gnss() -> GnssLogs:
     """Return the log of a flight that has no raw GNSS data."""
-    none, numbers = np.zeros(0, np.int64), np.zeros(0)
-    few = np.zeros(0, np.int16)
-    table = GnssTable(none, few, few, numbers, numbers, numbers, numbers, (), (), np.zeros((0, 8)))
-    return GnssLogs(table, None, None, None, None, [])
+    return GnssLogs(replace(no_measurements(), sat=np.zeros((0, 8))), None, None, None, None, [])
 
 
 def read_receiver(config: Gnss, week: int, shared: FileColumns = NOTHING_SHARED) -> ReceiverLog:
@@ -105,9 +103,7 @@ def read_receiver(config: Gnss, week: int, shared: FileColumns = NOTHING_SHARED)
         advice = "give [gnss] with its files; 'insgnss replay' runs on position fixes alone"
         raise ConfigError("the flight has no raw GNSS data", key="gnss.files", advice=advice)
     log = _read_format(config, week, shared)
-    if config.rate_sign == "standard":
-        return log
-    return replace(log, gnss=reversed_rates(log.gnss))
+    return log if config.rate_sign == "standard" else replace(log, gnss=reversed_rates(log.gnss))
 
 
 def reversed_rates(gnss: GnssTable) -> GnssTable:
@@ -144,14 +140,12 @@ def read_base(config: Base, week: int, shared: FileColumns = NOTHING_SHARED) -> 
 
 def _with_samples_told(log: ReceiverLog, path: Path) -> ReceiverLog:
     """Return the log with an event for each further sensor in it, whose samples a flight file takes from a CSV file."""
-    details = [
-        f"{path}: {len(one.t_ns)} {one.kind} samples ({one.source}) not used: 'insgnss convert' writes them to"
-        f" {one.file} for a [[sensor]]"
-        for one in log.further
-    ]
-    return replace(
-        log, events=[*log.events, *(Event(None, "sensor_samples_not_used", text) for text in details)]
-    )
+    events = list(log.events)
+    for one in log.further:
+        written = f"'insgnss convert' writes them to {one.file} for a [[sensor]]"
+        what = f"{one.kind} samples ({one.source}) not used: {written}"
+        events += counted("sensor_samples_not_used", len(one.t_ns), what, path)
+    return replace(log, events=events)
 
 
 def _whole(paths: Sequence[Path], read: Callable[[Path], ReceiverLog]) -> ReceiverLog:

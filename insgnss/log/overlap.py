@@ -50,14 +50,14 @@ def epochs_outside(imu_ns: Int64, gnss_ns: Int64) -> tuple[int, int]:
 def outside_events(imu_ns: Int64, gnss_ns: Int64) -> list[Event]:
     """Return an event for each end of the inertial log beyond which the GNSS log goes on by more than one epoch."""
     before, after = epochs_outside(imu_ns, gnss_ns)
-    events = []
-    if before > USUAL_EPOCHS_OUTSIDE:
-        detail = f"{before} GNSS epoch(s) before the inertial log begins: not used"
-        events.append(Event(int(gnss_ns[0]), "epochs_without_imu", detail))
-    if after > USUAL_EPOCHS_OUTSIDE:
-        detail = f"{after} GNSS epoch(s) after the inertial log ends: not used"
-        events.append(Event(int(imu_ns[-1]), "epochs_without_imu", detail))
-    return events
+    return [
+        Event(int(t_ns), "epochs_without_imu", f"{count} GNSS epoch(s) {where}: not used")
+        for t_ns, count, where in (
+            (gnss_ns[0], before, "before the inertial log begins"),
+            (imu_ns[-1], after, "after the inertial log ends"),
+        )
+        if count > USUAL_EPOCHS_OUTSIDE
+    ]
 
 
 def sensor_outside(imu_ns: Int64, sensor: SensorTable, week: int) -> list[Event]:

@@ -12,14 +12,14 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import satellite_states, status_of_given
+from insgnss.log.events import counted, listed
 from insgnss.log.satellites import channel_of_name
 from insgnss.status import USED
-from insgnss.tables import Bool, Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable
+from insgnss.tables import Bool, Event, Float64, GnssTable, NavigationData, StateVectorTable
 
 _PIECE_NS: Final = 300 * NS_PER_S  # in which a satellite moves 3 deg
 _OLDEST_NS: Final = 1800 * NS_PER_S  # of a message: the satellite has moved 16 deg
@@ -40,7 +40,8 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
     by_name = {gnss.sv_names[k]: channel for k, channel in unknown.items()}
     slots: dict[str, int] = {}
     if navigation is not None and states is not None:
-        for begin, end in _pieces(gnss.t_ns):
+        piece = (gnss.t_ns - gnss.t_ns[0]) // _PIECE_NS
+        for begin, end in pairwise([0, *(np.flatnonzero(np.diff(piece)) + 1).tolist(), len(piece)]):
             part = gnss.take(slice(begin, end))
             zenith = _zenith(part, of_unknown[begin:end], navigation)
             if zenith is None:
@@ -51,17 +52,14 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
                     names[begin:end][part.sv == k] = slot
                     slots[slot] = unknown[k]
     left = sum(channel_of_name(name) is not None for name in names.tolist())
-    events = []
-    if slots:
-        listed = ", ".join(f"{slot} on {channel:+d}" for slot, channel in sorted(slots.items()))
-        detail = f"{int(of_unknown.sum()) - left} rows of GLONASS satellites known by their channel alone: {listed}"
-        events.append(Event(None, "glonass_slot_found", detail))
-    if left:
-        detail = (
-            f"{left} rows of GLONASS satellites known by their channel alone (R43 to R56) are ambiguous:"
-            " log messages of GLONASS and of other satellites to identify them"
-        )
-        events.append(Event(None, "glonass_slot_unknown", detail))
+    found = ", ".join(f"{slot} on {channel:+d}" for slot, channel in sorted(slots.items()))
+    what = f"rows of GLONASS satellites known by their channel alone: {found}"
+    ambiguous = (
+        "rows of GLONASS satellites known by their channel alone (R43 to R56) are ambiguous:"
+        " log messages of GLONASS and of other satellites to identify them"
+    )
+    events = counted("glonass_slot_found", int(of_unknown.sum()) - left, what)
+    events += counted("glonass_slot_unknown", left, ambiguous)
     sv_names, sv = np.unique(names.astype(str), return_inverse=True)
     return replace(
         gnss,
@@ -69,13 +67,6 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
         sv_names=tuple(sv_names.tolist()),
         glonass_channels=gnss.glonass_channels | by_name | slots,
     ), events
-
-
-def _pieces(t_ns: Int64) -> list[tuple[int, int]]:
-    """Return first row and end of each stretch of a few minutes."""
-    piece = (t_ns - t_ns[0]) // _PIECE_NS
-    bounds = [0, *(np.flatnonzero(np.diff(piece)) + 1).tolist(), len(t_ns)]
-    return list(pairwise(bounds))
 
 
 def _zenith(part: GnssTable, unknown: Bool, navigation: NavigationData) -> Float64 | None:
@@ -123,11 +114,8 @@ def states_beside(
         detail = f"the phone's satellite states are not used: {'products' if products else 'messages'} replace them"
         return replace(gnss, sat=None), [Event(None, "satellite_states_not_used", detail)]
     systems = np.array([name[0] for name in gnss.sv_names], "U1")[gnss.sv]
-    detail = f"the phone's satellite states are used in rows without a message: {_by_system(systems[kept])}"
+    letters, counts = np.unique(systems[kept], return_counts=True)
+    by_system = {f"rows of {letter}": n for letter, n in zip(letters, counts.tolist(), strict=True)}
+    what = "the phone's satellite states are used in rows without a message"
     sat = np.where(kept[:, None], gnss.sat, np.nan)
-    return replace(gnss, sat=sat), [Event(None, "satellite_states_beside", detail)]
-
-
-def _by_system(systems: npt.NDArray[np.str_]) -> str:
-    letters, counts = np.unique(systems, return_counts=True)
-    return ", ".join(f"{n} rows of {letter}" for letter, n in zip(letters, counts, strict=True))
+    return replace(gnss, sat=sat), listed("satellite_states_beside", what, by_system)

@@ -25,7 +25,7 @@ from insgnss.gnss.orbits.precise import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
-from insgnss.log.events import first_events
+from insgnss.log.events import counted, first_events
 from insgnss.log.files import file_text
 from insgnss.log.rinex.states import NO_DATE
 from insgnss.tables import Event, Float64, Int64, PreciseProducts
@@ -38,12 +38,8 @@ _POSITION: Final = re.compile(rf"P[A-Z ][ \d]\d(?=.{{42}}){_NUMBER}")
 _EPOCH: Final = re.compile(r"\*  \d{4} [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d\.\d+")
 # Frequencies of the pair in ANTEX; BeiDou's B1I was C01 before the names of RINEX 3.03
 _ANTEX_PAIRS: Final = {
-    "G": (("G01", "G02"),),
-    "R": (("R01", "R02"),),
-    "E": (("E01", "E05"),),
-    "C": (("C02", "C06"), ("C01", "C06")),
-    "J": (("J01", "J02"),),
-    "I": (("I05", "I09"),),
+    **{"G": (("G01", "G02"),), "R": (("R01", "R02"),), "E": (("E01", "E05"),)},
+    **{"C": (("C02", "C06"), ("C01", "C06")), "J": (("J01", "J02"),), "I": (("I05", "I09"),)},
 }
 
 _Nodes = dict[int, Any]  # time [ns] -> value
@@ -127,10 +123,8 @@ def _collect_sp3(text: str, path: Path, contents: _ProductContents, use_predicte
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
-    undated = times.count(NO_DATE)
-    if undated:
-        detail = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
-        contents.events.append(Event(None, "precise_damaged", detail))
+    undated = "epoch(s) at dates outside GPS time; left out"
+    contents.events += counted("precise_damaged", times.count(NO_DATE), undated, path)
     for k, t_ns in enumerate(times):
         if t_ns == NO_DATE:
             continue
@@ -296,16 +290,12 @@ def _gps_ns(instant: Any, path: Path) -> int:
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):
         return t_ns + leap_seconds(ns_to_datetime(t_ns)) * NS_PER_S
-    for known, behind_s in (
-        (scale.GPST, 0),
-        (scale.QZSST, 0),
-        (scale.GST, 0),
-        (scale.BDT, -BDT_MINUS_GPST_S),
-        (scale.TAI, -_TAI_MINUS_GPST_S),
-    ):
-        if instant.scale == known:
-            return t_ns + behind_s * NS_PER_S
-    raise TimeError(f"unsupported time system {instant.scale}", file=path)
+    if instant.scale in (scale.GPST, scale.QZSST, scale.GST):
+        return t_ns
+    if instant.scale not in (scale.BDT, scale.TAI):
+        raise TimeError(f"unsupported time system {instant.scale}", file=path)
+    ahead_s = BDT_MINUS_GPST_S if instant.scale == scale.BDT else _TAI_MINUS_GPST_S
+    return t_ns - ahead_s * NS_PER_S
 
 
 # ---------------------------------------------------------------------------------------------------------- ANTEX
@@ -344,11 +334,8 @@ def read_antennas(path: Path) -> tuple[SatelliteAntennas, list[Event]]:
         raise InputError(
             "no satellite antenna in the file", file=path, advice="give igs20.atx or a similar file"
         )
-    if without:
-        detail = (
-            f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
-        )
-        events.append(Event(None, "antenna_not_used", detail))
+    what = f"antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
+    events += counted("antenna_not_used", len(without), what, path)
     names, first, last, offsets = zip(*rows, strict=True)
     antennas = SatelliteAntennas(
         names, np.array(first, np.int64), np.array(last, np.int64), np.stack(offsets)

@@ -13,7 +13,8 @@ from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import each_time_once, read_timed_table
-from insgnss.log.own_solution import on_earth
+from insgnss.log.events import counted
+from insgnss.log.own_solution import on_earth, own_reference
 from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Int64, ReferenceTable
 
@@ -47,20 +48,14 @@ def read_reference(
     if events:
         t_ns, table = t_ns[possible], table.take(possible)
     t_ns, order, reordered = each_time_once(t_ns, config.file, "reference_time_order")
-    position = [table.columns[name][order] for name in names.position]
-    quality = table.column_or_nan(names.quality)[order]
-    reference = ReferenceTable(
-        t_ns,
-        position[0],
-        position[1],
-        position[2],
-        np.column_stack([table.column_or_nan(name)[order] for name in names.velocity]),
-        np.column_stack([table.column_or_nan(name)[order] for name in names.attitude]),
-        np.where(np.isnan(quality), 1.0, quality),
-        np.column_stack([table.column_or_nan(name)[order] for name in sigmas])
-        if any(name in table.columns for name in sigmas)
-        else None,
+    place, velocity, attitude, sigma = (
+        np.column_stack([table.column_or_nan(name)[order] for name in group])
+        for group in (names.position, names.velocity, names.attitude, sigmas)
     )
+    stated = sigma if any(name in table.columns for name in sigmas) else None
+    quality = table.column_or_nan(names.quality)[order]
+    quality = np.where(np.isnan(quality), 1.0, quality)
+    reference = own_reference(t_ns, place, stated, velocity=velocity, attitude=attitude, quality=quality)
     reference, left_out = _good_rows(reference, config)
     return reference, table.events + events + reordered + left_out
 
@@ -108,11 +103,9 @@ def _good_rows(reference: ReferenceTable, config: Reference) -> tuple[ReferenceT
             key="reference.quality_max",
             advice="give a larger limit",
         )
-    detail = (
-        f"{config.file}: {int((~good).sum())} of {len(good)} rows have a quality beyond {limit:g}: left out"
-    )
+    what = f"of {len(good)} rows have a quality beyond {limit:g}: left out"
     columns = {field.name: getattr(reference, field.name) for field in fields(reference)}
     rows: dict[str, Any] = {
         name: None if column is None else column[good] for name, column in columns.items()
     }
-    return ReferenceTable(**rows), [Event(None, "reference_rows_left_out", detail)]
+    return ReferenceTable(**rows), counted("reference_rows_left_out", ~good, what, config.file)

@@ -17,7 +17,7 @@ import numpy as np
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
-from insgnss.log.checks.clock import clock_findings
+from insgnss.log.checks.clock import clock_findings, oscillator_findings
 from insgnss.log.checks.corrected_file import corrected_flight
 from insgnss.log.checks.declaration import AxesDeclaration, declared_log
 from insgnss.log.checks.each_log import ReadLogs, read_and_check
@@ -26,7 +26,6 @@ from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
-from insgnss.log.checks.oscillator import oscillator_findings
 from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals

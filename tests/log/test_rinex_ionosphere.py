@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from insgnss.log.rinex.ionosphere import read_ionosphere
+from insgnss.log.rinex.navigation import read_ionosphere
 
 END = "".ljust(60) + "END OF HEADER\n"
 ALPHA = [1e-8, 2e-8, -3e-8, -4e-8]

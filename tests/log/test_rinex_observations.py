@@ -14,8 +14,8 @@ from insgnss.errors import InputError
 from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.rinex.hatanaka import epoch_starts
 from insgnss.log.rinex.observations import read_rinex_obs
+from insgnss.log.rinex.text import epoch_starts
 from insgnss.runs.result_tables import KINDS
 from insgnss.status import BAD_VALUE
 from insgnss.tables import GnssTable

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.log.checks.axes_findings import axes_findings, decided, gyros_known
 from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.lever_arm import lever_arm_findings
@@ -15,7 +14,14 @@ from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, length_for, spans_without_gaps, stretches
 from insgnss.log.checks.time_offset import Timing, offset_findings
 from insgnss.log.checks.track import GnssTrack
-from insgnss.log.checks.vehicle_axes import VehicleAxes, candidates, relative
+from insgnss.log.checks.vehicle_axes import (
+    VehicleAxes,
+    axes_findings,
+    candidates,
+    decided,
+    gyros_known,
+    relative,
+)
 from insgnss.log.flight import Flight
 from insgnss.tables import Float64
 

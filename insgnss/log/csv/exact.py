@@ -22,7 +22,7 @@ from insgnss.log.csv.cell_advice import date_advice, number_advice
 from insgnss.log.csv.cells import EMPTY_CELLS, are_foreign, floats, foreign_advice, integers
 from insgnss.log.csv.columns import ColumnSelection, CsvRows, text_column
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
-from insgnss.log.events import first_events
+from insgnss.log.events import counted, first_events
 from insgnss.tables import Bool, Event, Float64, Int64
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is
@@ -81,18 +81,18 @@ def read_exact(
     ColumnError : numbers written in another way than declared, or more than 5 % of the rows are bad
     TimeError : dates have a zone, and GPS time is declared
     """
-    rows, lines, refused = _split_lines(_utf8(buffer), dialect, cut)
+    data = bytes(buffer.to_pybytes()).removeprefix(codecs.BOM_UTF8)
+    text, is_utf8 = decoded(data)
+    rows, lines, refused = _split_lines(data if is_utf8 else text.encode(), dialect, cut)
     cells = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
     measured = [name for name in wanted.measured if name in places]
     others = set(range(len(dialect.columns))) - set(places.values())
     own = _rows_of_this_log(rows, [cells[name] for name in measured], others)
-    events = []
     if not own.all():
         cells = {name: column.filter(pa.array(own)) for name, column in cells.items()}
-        names = "', '".join(measured)
-        left_out = f"{int((~own).sum())} of {len(own)} rows left out"
-        detail = f"{path}: {left_out}: nothing in '{names}', but in columns of other logs"
-        events.append(Event(None, "rows_of_other_logs", detail))
+    names = "', '".join(measured)
+    left_out = f"of {len(own)} rows left out: nothing in '{names}', but in columns of other logs"
+    events = counted("rows_of_other_logs", ~own, left_out, path)
     reader = _ColumnReader(path, wanted, lines[own], refused)
     exact: dict[str, Int64] = {}
     if wanted.calendar is not None:
@@ -255,12 +255,6 @@ def most_bad_rows(total: int) -> float:
 
 def _short(cell: str) -> str:
     return cell if len(cell) <= 40 else cell[:37] + "..."
-
-
-def _utf8(buffer: pa.Buffer) -> bytes:
-    data = bytes(buffer.to_pybytes()).removeprefix(codecs.BOM_UTF8)
-    text, is_utf8 = decoded(data)
-    return data if is_utf8 else text.encode()
 
 
 def _lines(data: bytes) -> pa.Array:

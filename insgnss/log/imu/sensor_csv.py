@@ -31,7 +31,8 @@ from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, each_time_once, read_timed_table
-from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
+from insgnss.log.events import counted
+from insgnss.log.imu.axes import body_rotation, magnetometer_axes
 from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
@@ -81,7 +82,9 @@ def read_sensor(
         converted = _CONVERSIONS[type(config)](config, values)
         events += table.events + later + _bad_values(config, table, converted)
         parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
-    readings, reordered = _in_time_order(config, *(np.concatenate(each) for each in zip(*parts, strict=True)))
+    t_ns, values, sigmas = (np.concatenate(each) for each in zip(*parts, strict=True))
+    t_ns, order, reordered = each_time_once(t_ns, config.files[0], "sensor_time_order")
+    readings = SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigmas[order]))
     if isinstance(config, Odometer) and config.metres_per_count is not None:
         readings = _speeds_of_counts(readings)
     _require_readings(config, readings)
@@ -97,21 +100,9 @@ def _rows_with_readings(config: Sensor, t_ns: Int64, table: CsvTable) -> tuple[I
         written[table.bad_cells.get(name, [])] = True
     if written.all() or not written.any():
         return t_ns, table
-    rows = np.flatnonzero(written)
-    detail = (
-        f"{table.path}: {table.n - len(rows)} of {table.n} rows hold no {config.kind} reading, only those of other"
-        " logs of the file"
-    )
-    table.events.append(Event(None, "sensor_rows_without_reading", detail))
-    return t_ns[rows], table.take(rows)
-
-
-def _in_time_order(
-    config: Sensor, t_ns: Int64, values: Float64, sigma: Float64
-) -> tuple[SensorTable, list[Event]]:
-    """Return the readings in the order of their times, each time once, and an event where that changed them."""
-    t_ns, order, events = each_time_once(t_ns, config.files[0], "sensor_time_order")
-    return SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigma[order])), events
+    what = f"of {table.n} rows hold no {config.kind} reading, only those of other logs of the file"
+    table.events += counted("sensor_rows_without_reading", ~written, what, table.path)
+    return t_ns[written], table.take(np.flatnonzero(written))
 
 
 def _wanted(config: Sensor) -> ColumnSelection:

@@ -24,7 +24,6 @@ from insgnss.log.rinex.damage import (
     observations_without_tabs,
     parse_around_damage,
 )
-from insgnss.log.rinex.hatanaka import sound_start
 from insgnss.log.rinex.header import (
     mended_header,
     phone_codes,
@@ -34,7 +33,7 @@ from insgnss.log.rinex.header import (
 )
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
-from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, split_epochs
+from insgnss.log.rinex.text import FIRST_LABEL, JoinedFile, rinex_files, sound_start, split_epochs
 from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements

@@ -16,13 +16,12 @@ from typer.testing import CliRunner
 
 from insgnss.cli.main import app
 from insgnss.constants import NS_PER_S
-from insgnss.log.checks.axes_findings import axes_findings
 from insgnss.log.checks.axis_search import Match, search, with_noses
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.longitudinal_axis import CORRELATION_S, STEADY, mean_direction
 from insgnss.log.checks.report import CheckReport, Finding
 from insgnss.log.checks.stretches import GnssStretch
-from insgnss.log.checks.vehicle_axes import candidates
+from insgnss.log.checks.vehicle_axes import axes_findings, candidates
 from insgnss.runs.simulate import simulate
 from insgnss.tables import ImuTable
 

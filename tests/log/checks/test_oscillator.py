@@ -10,7 +10,7 @@ import pytest
 from insgnss.config.flight import Oscillator
 from insgnss.config.library import find
 from insgnss.config.strict import load_toml
-from insgnss.log.checks.oscillator import oscillator_findings
+from insgnss.log.checks.clock import oscillator_findings
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.track import GnssTrack
 from insgnss.simulation.oscillator import simulate_clock

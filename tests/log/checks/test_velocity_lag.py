@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import insgnss
+from insgnss.log.checks.fixes_track import VelocityLag, velocity_lag
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.velocity_lag import VelocityLag, velocity_lag
 from insgnss.runs.check import examine
 from insgnss.tables import Float64
 
