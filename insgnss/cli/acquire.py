@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.printing import AsJson, print_json, records, result_console
 from insgnss.cli.progress import telling
 
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.file_options import Pictures
-from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force, check_files
+from insgnss.cli.file_options import Force, Pictures, check_files
+from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import overwriting

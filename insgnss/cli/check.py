@@ -11,7 +11,7 @@ import typer
 
 from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile
-from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
 
 _FAILED = 3  # the exit code of an input error, as when replay meets it

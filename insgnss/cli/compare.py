@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import tell_end
-from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force, run_files
+from insgnss.cli.file_options import Force, run_files, tell_end
+from insgnss.cli.printing import AsJson, print_json, result_console
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import Pictures, SavedRun, StudyFolder, tell_end
-from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force, check_files, run_files
+from insgnss.cli.file_options import Force, Pictures, SavedRun, StudyFolder, check_files, run_files, tell_end
+from insgnss.cli.printing import AsJson, print_json, records, result_console
 from insgnss.cli.progress import telling
 from insgnss.results.saving import STUDY_KIND, overwriting
 

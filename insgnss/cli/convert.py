@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force
+from insgnss.cli.file_options import Force
+from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import overwriting

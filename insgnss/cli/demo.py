@@ -9,9 +9,9 @@ from typing import Annotated, Final
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.json_output import AsJson
+from insgnss.cli.file_options import Force
 from insgnss.cli.memory import give_back_what_is_freed
-from insgnss.cli.overwriting import Force
+from insgnss.cli.printing import AsJson
 from insgnss.cli.progress import telling
 from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.errors import ResultError

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import Pictures, StudyFolder
-from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force, check_files
+from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files
+from insgnss.cli.printing import AsJson, print_json, records, result_console
 from insgnss.cli.progress import telling
 from insgnss.results.saving import RECORDING_KIND, STUDY_KIND, check_file_replaceable, overwriting
 

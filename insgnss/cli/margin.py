@@ -9,12 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import FormatName, Pictures, StudyFolder, table_form, tell_end
-from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.file_options import (
+    Force,
+    FormatName,
+    Pictures,
+    StudyFolder,
+    check_files,
+    run_files,
+    table_form,
+    tell_end,
+)
 from insgnss.cli.margin_flown import flown_study
-from insgnss.cli.option_guard import refuse_given
-from insgnss.cli.overwriting import Force, check_files, run_files
+from insgnss.cli.option_values import refuse_given
+from insgnss.cli.printing import AsJson, print_json, result_console
 from insgnss.cli.progress import counting
 from insgnss.errors import ConfigError
 from insgnss.results.matplotlib_figure import save_figure

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from insgnss.cli.json_output import records
-from insgnss.cli.overwriting import check_files
+from insgnss.cli.file_options import check_files
+from insgnss.cli.printing import records
 from insgnss.cli.progress import telling
 from insgnss.results.saving import PICTURE_KIND
 

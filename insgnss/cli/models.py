@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.printing import AsJson, print_json
 from insgnss.errors import ConfigError, ResultError
 from insgnss.results.saving import check_writable
 

@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import FlightFile, FormatName, StudyFolder, table_form, tell_end
+from insgnss.cli.file_options import (
+    FlightFile,
+    Force,
+    FormatName,
+    StudyFolder,
+    check_files,
+    table_form,
+    tell_end,
+)
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
-from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force, check_files
+from insgnss.cli.printing import AsJson, print_json, result_console
 from insgnss.cli.progress import compiling, telling
 from insgnss.results.saving import overwriting
 

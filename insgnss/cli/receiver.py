@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import Pictures, StudyFolder, tell_end
-from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.lists import names_in, numbers_in
-from insgnss.cli.option_guard import refuse_given
-from insgnss.cli.overwriting import Force, check_files
+from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files, tell_end
+from insgnss.cli.option_values import names_in, numbers_in, refuse_given
+from insgnss.cli.printing import AsJson, print_json, records, result_console
 from insgnss.cli.progress import counting
 from insgnss.results.saving import STUDY_KIND, overwriting
 

@@ -14,12 +14,19 @@ from rich.console import Console
 from rich.table import Table
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form, tell_end
+from insgnss.cli.file_options import (
+    FlightFile,
+    Force,
+    FormatName,
+    RunFolder,
+    RunPage,
+    check_files,
+    table_form,
+    tell_end,
+)
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
-from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
-from insgnss.cli.overwriting import Force, check_files
+from insgnss.cli.printing import AsJson, print_json, result_console
 from insgnss.cli.progress import compiling, telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.log.flight import Flight

@@ -9,9 +9,8 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.file_options import SavedRun
-from insgnss.cli.json_output import AsJson, print_json
-from insgnss.cli.overwriting import Force, run_files
+from insgnss.cli.file_options import Force, SavedRun, run_files
+from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
 from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
 

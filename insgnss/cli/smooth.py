@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.file_options import FlightFile, FormatName, RunFolder, RunPage, table_form
+from insgnss.cli.file_options import FlightFile, Force, FormatName, RunFolder, RunPage, table_form
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
-from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
-from insgnss.cli.overwriting import Force
+from insgnss.cli.printing import AsJson
 from insgnss.cli.progress import telling
 from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted

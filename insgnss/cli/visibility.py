@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.console import result_console
-from insgnss.cli.file_options import FormatName, Pictures, StudyFolder, table_form, tell_end
+from insgnss.cli.file_options import (
+    Force,
+    FormatName,
+    Pictures,
+    StudyFolder,
+    check_files,
+    run_files,
+    table_form,
+    tell_end,
+)
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
-from insgnss.cli.json_output import AsJson, print_json, records
-from insgnss.cli.overwriting import Force, check_files, run_files
+from insgnss.cli.printing import AsJson, print_json, records, result_console
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import PICTURE_KIND, overwriting

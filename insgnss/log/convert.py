@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -86,7 +87,8 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
     copies = _copies(navigation_files, log)
-    tables, there = _names(log, copies), _in_place(copies, output)
+    files, there = _files(log, copies), _in_place(copies, output)
+    tables = list(files)
     flight = output / FLIGHT_FILE
     existing = (flight,) if flight.exists() else ()
     names = tables if existing else [*tables, FLIGHT_FILE]
@@ -95,15 +97,14 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
             overwriting(False, inputs),
             saving(output, [name for name in names if name not in there], _KIND) as new,
         ):
-            for name in set(copies) - set(there):
-                shutil.copyfile(copies[name], new / name)
-            messages = _write_tables(log, new)
+            results = {name: write(new / name) for name, write in files.items() if name not in there}
             if not existing:
                 text = flight_text([path for path, _ in formats], log, tables)
                 (new / FLIGHT_FILE).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ResultError(f"cannot be written: {error}", file=output) from error
     written = tuple(output / name for name in names)
+    messages = results.get(NAVIGATION_FILE) or 0
     return Conversion(formats, log, tuple(events), messages, written, existing)
 
 
@@ -131,7 +132,7 @@ def _check_output(formats: Sequence[tuple[Path, Format]], declared: LogDeclarati
     log = replace(log, fixes=None)  # which are not written if measurements come later
     copies = _copies([path for path, kind in formats if kind == "rinex_navigation"], log)
     there = _in_place(copies, output)
-    check_replaceable(output, [name for name in _names(log, copies) if name not in there], _KIND)
+    check_replaceable(output, [name for name in _files(log, copies) if name not in there], _KIND)
 
 
 def _read_beginnings(formats: Sequence[tuple[Path, Format]], declared: LogDeclarations) -> ReceiverLog:
@@ -150,38 +151,29 @@ def _read_beginnings(formats: Sequence[tuple[Path, Format]], declared: LogDeclar
         return _read(copies, declared)[0]
 
 
-def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
-    """Return the names of the files for the log's content."""
-    return [
-        *((GNSS_FILE,) if len(log.gnss.t_ns) else ()),
-        *copies,
-        *((NAVIGATION_FILE,) if log.navigation is not None else ()),
-        *((IMU_FILE,) if log.imu is not None else ()),
-        *(samples.file for samples in log.further),
-        *((REFERENCE_FILE,) if log.solution is not None else ()),
-        *((FIXES_FILE,) if log.fixes is not None else ()),
-    ]
-
-
-def _write_tables(log: ReceiverLog, folder: Path) -> int:
-    """Write the log's content; return the number of navigation messages."""
-    span_ns = log.span_ns()
-    week = span_ns[0] // NS_PER_WEEK
-    messages = 0
+def _files(log: ReceiverLog, copies: Mapping[str, Path]) -> dict[str, Callable[[Path], int | None]]:
+    """Return the files for the log's content by name, and what writes each; of messages it gives their number."""
+    first_ns, last_ns = log.span_ns()
+    week = first_ns // NS_PER_WEEK
+    files: dict[str, Callable[[Path], int | None]] = {}
     if len(log.gnss.t_ns):
-        write_gnss_csv(folder / GNSS_FILE, log.gnss, week)
+        files[GNSS_FILE] = partial(write_gnss_csv, gnss=log.gnss, week=week)
+    files |= {name: partial(_copy, source) for name, source in copies.items()}
     if log.navigation is not None:
-        created = ns_to_datetime(span_ns[1])
-        messages = write_rinex_navigation(folder / NAVIGATION_FILE, log.navigation, created)
+        created = ns_to_datetime(last_ns)
+        files[NAVIGATION_FILE] = partial(write_rinex_navigation, navigation=log.navigation, created=created)
     if log.imu is not None:
-        write_imu_csv(folder / IMU_FILE, log.imu, week)
-    for samples in log.further:
-        write_samples_csv(folder / samples.file, samples, week)
+        files[IMU_FILE] = partial(write_imu_csv, imu=log.imu, week=week)
+    files |= {each.file: partial(write_samples_csv, samples=each, week=week) for each in log.further}
     if log.solution is not None:
-        write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
+        files[REFERENCE_FILE] = partial(write_reference_csv, reference=log.solution, week=week)
     if log.fixes is not None:
-        write_fixes_csv(folder / FIXES_FILE, log.fixes, week)
-    return messages
+        files[FIXES_FILE] = partial(write_fixes_csv, fixes=log.fixes, week=week)
+    return files
+
+
+def _copy(source: Path, path: Path) -> None:
+    shutil.copyfile(source, path)
 
 
 def _read(

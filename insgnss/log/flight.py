@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from insgnss.config.flight import NO_WEEK, FlightConfig, ImuGrade, Oscillator
 from insgnss.config.library import antenna_file, imu_grade, oscillator
-from insgnss.config.strict import load_toml
+from insgnss.config.strict import StrictModel, load_toml
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.gnss.phase_centre import SatelliteAntennas
@@ -40,6 +40,7 @@ from insgnss.tables import (
     SensorTable,
 )
 
+_Settings = TypeVar("_Settings", bound=StrictModel)
 # of a flight without an inertial log: nothing is computed with it
 _UNUSED_GRADE: Final = "mems_consumer"
 
@@ -190,17 +191,10 @@ class Flight(ResultDisplay):
         patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in mounted)
         hiding = tuple(folder / antenna.obstruction for antenna in mounted if antenna.obstruction)
         sensors = tuple(path for sensor in config.sensor for path in sensor.files)
-        files = (
-            self.path,
-            *self.inertial_files(),
-            *satellites,
-            *event_files,
-            *patterns,
-            *hiding,
-            *reference,
-            *sensors,
-        )
-        return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
+        files = (self.path, *self.inertial_files(), *satellites, *event_files, *patterns, *hiding)
+        return tuple(
+            dict.fromkeys((*files, *reference, *sensors))
+        )  # two antennas of one type share a pattern
 
     def inertial_files(self) -> tuple[Path, ...]:
         """Return the files of the inertial log, none without one."""
@@ -250,38 +244,26 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
 
 def _resolved(config: FlightConfig, folder: Path) -> FlightConfig:
     """Return the settings with paths from the flight file's folder, and the formats that logs state."""
-
-    def absolute(path: Path) -> Path:
-        return Path(os.path.normpath(folder / path))
-
-    imu = config.imu and config.imu.model_copy(
-        update={name: tuple(map(absolute, getattr(config.imu, name))) for name in ("files", "accel_files")}
-    )
-    gnss = config.gnss.model_copy(
-        update={
-            "files": tuple(map(absolute, config.gnss.files)),
-            "navigation": tuple(map(absolute, config.gnss.navigation)),
-            "precise": tuple(map(absolute, config.gnss.precise)),
-            "antennas": config.gnss.antennas and absolute(config.gnss.antennas),
-            "receiver_events": config.gnss.receiver_events and absolute(config.gnss.receiver_events),
-            "base": config.gnss.base
-            and with_stated_format(
-                config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))})
-            ),
-        }
-    )
-    sensors = tuple(
-        sensor.model_copy(update={"files": tuple(map(absolute, sensor.files))}) for sensor in config.sensor
-    )
-    update: dict[str, object] = {"imu": imu, "gnss": with_stated_format(gnss), "sensor": sensors}
+    config = _absolute(config, folder)
+    gnss = with_stated_format(config.gnss)
+    if gnss.base is not None:
+        gnss = gnss.model_copy(update={"base": with_stated_format(gnss.base)})
+    update: dict[str, object] = {"gnss": gnss}
     if config.attitude is not None:
-        antennas = tuple(
-            with_stated_format_of_antenna(
-                antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))}), config.gnss
-            )
-            for antenna in config.attitude.antenna
-        )
-        update["attitude"] = config.attitude.model_copy(update={"antenna": antennas})
-    if config.reference is not None:
-        update["reference"] = config.reference.model_copy(update={"file": absolute(config.reference.file)})
+        antennas = (with_stated_format_of_antenna(each, config.gnss) for each in config.attitude.antenna)
+        update["attitude"] = config.attitude.model_copy(update={"antenna": tuple(antennas)})
     return config.model_copy(update=update)
+
+
+def _absolute(settings: _Settings, folder: Path) -> _Settings:
+    """Return settings whose relative paths, those of the tables within them too, are taken from a folder."""
+
+    def moved(value: object) -> object:
+        if isinstance(value, Path):
+            return Path(os.path.normpath(folder / value))
+        if isinstance(value, StrictModel):
+            return _absolute(value, folder)
+        return tuple(map(moved, value)) if isinstance(value, tuple) else value
+
+    changed = {name: moved(value) for name, value in settings if moved(value) != value}
+    return settings.model_copy(update=changed) if changed else settings

@@ -11,22 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.gnss.signals import (
-    B1I_HZ,
-    B3I_HZ,
-    E5_HZ,
-    E5B_HZ,
-    E6_HZ,
-    G1_HZ,
-    G1_STEP_HZ,
-    G2_HZ,
-    G2_STEP_HZ,
-    L1_HZ,
-    L2_HZ,
-    L5_HZ,
-    S_HZ,
-    signal_of,
-)
+from insgnss.gnss.signals import G1_HZ, G2_HZ, signal_of
 from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, SBAS_OFFSET, rinex_name
 
 SYSTEMS: Final = {1: "G", 2: "S", 3: "R", 4: "J", 5: "C", 6: "E", 7: "I"}
@@ -39,34 +24,23 @@ class Band(NamedTuple):
     """A carrier of a system: the RINEX band and the code letter taken when the log does not say which code."""
 
     carrier_hz: float
+    step_hz: float  # from one GLONASS channel to the next
     band: str
     letter: str
 
 
-BANDS: Final = {
-    "G": (Band(L1_HZ, "1", "C"), Band(L2_HZ, "2", "L"), Band(L5_HZ, "5", "Q")),
-    "S": (Band(L1_HZ, "1", "C"), Band(L5_HZ, "5", "I")),
-    "R": (Band(G1_HZ, "1", "C"), Band(G2_HZ, "2", "C")),
-    "J": (Band(L1_HZ, "1", "C"), Band(L2_HZ, "2", "L"), Band(L5_HZ, "5", "Q"), Band(E6_HZ, "6", "L")),
-    "C": (
-        Band(B1I_HZ, "2", "I"),
-        Band(L1_HZ, "1", "P"),
-        Band(L5_HZ, "5", "P"),
-        Band(E5B_HZ, "7", "I"),
-        Band(B3I_HZ, "6", "I"),
-        Band(E5_HZ, "8", "P"),
-    ),
-    "E": (
-        Band(L1_HZ, "1", "C"),
-        Band(L5_HZ, "5", "Q"),
-        Band(E5B_HZ, "7", "Q"),
-        Band(E5_HZ, "8", "Q"),
-        Band(E6_HZ, "6", "C"),
-    ),
-    "I": (Band(L5_HZ, "5", "A"), Band(S_HZ, "9", "A")),
+def _band(system: str, code: str) -> Band:
+    signal = signal_of(system, f"C{code}")
+    assert signal is not None
+    return Band(signal.carrier_hz, signal.channel_step_hz, *code)
+
+
+_CODES: Final = {
+    **{"G": ("1C", "2L", "5Q"), "S": ("1C", "5I"), "R": ("1C", "2C"), "J": ("1C", "2L", "5Q", "6L")},
+    **{"C": ("2I", "1P", "5P", "7I", "6I", "8P"), "E": ("1C", "5Q", "7Q", "8Q", "6C"), "I": ("5A", "9A")},
 }
+BANDS: Final = {system: tuple(_band(system, code) for code in codes) for system, codes in _CODES.items()}
 _OFF_CHANNEL: Final = 0.25  # of a step; single precision is off by 0.0001
-_STEPS_HZ: Final = {"1": G1_STEP_HZ, "2": G2_STEP_HZ}
 
 
 class AndroidSignal(NamedTuple):
@@ -103,7 +77,9 @@ def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | No
         band, channel = (bands[0], None)
     elif system == "R":
         band = bands[0] if carrier_hz > (G1_HZ + G2_HZ) / 2 else bands[1]
-        channel = _channel((carrier_hz - band.carrier_hz) / _STEPS_HZ[band.band])
+        steps = (carrier_hz - band.carrier_hz) / band.step_hz
+        # some phones state all carriers half a step low
+        channel = round(steps) if abs(steps - round(steps)) < _OFF_CHANNEL else math.floor(steps) + 1
         if channel not in CHANNELS_IN_USE:
             return None
     else:
@@ -113,18 +89,11 @@ def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | No
     letter = code_type.strip().upper()
     if signal_of(system, f"C{band.band}{letter}") is None:
         letter = band.letter
-    carrier = band.carrier_hz + (_STEPS_HZ[band.band] * channel if channel is not None else 0.0)
+    carrier = band.carrier_hz + band.step_hz * (channel or 0)
     return AndroidSignal(f"C{band.band}{letter}", carrier, channel)
-
-
-def _channel(steps: float) -> int:
-    """Return the GLONASS channel; some phones state all carriers half a step low."""
-    nearest = round(steps)
-    return nearest if abs(steps - nearest) < _OFF_CHANNEL else math.floor(steps) + 1
 
 
 def on_channel(nominal: AndroidSignal, channel: int) -> AndroidSignal:
     """Return a GLONASS signal whose channel is known from elsewhere."""
-    band = nominal.code[1]
-    carrier_hz = {"1": G1_HZ, "2": G2_HZ}[band] + _STEPS_HZ[band] * channel
-    return AndroidSignal(nominal.code, carrier_hz, channel)
+    band = next(band for band in BANDS["R"] if band.band == nominal.code[1])
+    return AndroidSignal(nominal.code, band.carrier_hz + band.step_hz * channel, channel)

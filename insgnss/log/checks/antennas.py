@@ -13,7 +13,7 @@ from insgnss.config.flight import FurtherAntenna
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.antenna_phases import MATCH_S
-from insgnss.log.checks.report import Finding
+from insgnss.log.checks.report import Finding, from_error
 from insgnss.log.flight import Flight
 from insgnss.log.further_antennas import read_further_antenna, require_carrier
 from insgnss.tables import GnssTable, Int64
@@ -32,21 +32,15 @@ def antenna_findings(flight: Flight, main: GnssTable | None) -> list[Finding]:
         array = array_of_flight(attitude, flight.config.gnss, flight.path.absolute().parent)
         findings += _array_findings(array)
     except InsGnssError as error:
-        findings.append(_as_finding(error))
+        findings.append(from_error("attitude", error))
     if main is not None:
         try:
             require_carrier(main, "the log of [gnss]", flight.config.gnss.files[0])
         except InsGnssError as error:
-            findings.append(_as_finding(error))
+            findings.append(from_error("attitude", error))
         for antenna in attitude.antenna:
             findings += _log_findings(flight, antenna, main)
     return findings
-
-
-def _as_finding(error: InsGnssError) -> Finding:
-    place = error.place()
-    text = f"{place}: {error.message}" if place else error.message
-    return Finding("error", "attitude", text, error.advice)
 
 
 def _array_findings(array: AntennaArray) -> list[Finding]:
@@ -67,7 +61,7 @@ def _log_findings(flight: Flight, antenna: FurtherAntenna, main: GnssTable) -> l
     try:
         table, _ = read_further_antenna(flight.config, antenna, main)
     except InsGnssError as error:
-        return [_as_finding(error)]
+        return [from_error("attitude", error)]
     own, others = (_epochs_and_satellites(log, main.sv_names) for log in (table, main))
     shared = own[np.isin(own, others)]
     if not len(shared):

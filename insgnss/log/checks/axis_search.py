@@ -20,14 +20,13 @@ from insgnss.log.checks.longitudinal_axis import (
     noses,
 )
 from insgnss.log.checks.motion_fit import (
-    Path,
+    PathReading,
     best_rotation,
     fit_costs,
     integrate,
     rotate,
     signed_permutations,
 )
-from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 
@@ -185,11 +184,11 @@ def _ranked(
     order += [int(2 * h + side) for h in as_declared for side in (0, 1)]
     ranked = []
     for h, side in (divmod(k, 2) for k in dict.fromkeys(order)):
-        along, down = _directions(chosen, grid.start_s, path, h, 1 - 2 * side, fine)
-        factor = factors[h // 48]
-        noses_of = tuple(noses(chosen, grid.start_s, path, h, 1 - 2 * side, fine, down))
-        one = Hypothesis(maps[h] / factor, factor, 1 - 2 * side, float(above[h, side]), along, down, noses_of)
-        ranked.append(one)
+        reading = PathReading(path, grid.start_s, h, 1 - 2 * side, fine)
+        along, down = _directions(chosen, reading)
+        factor, noses_of = factors[h // 48], tuple(noses(chosen, reading, down))
+        gyro_map, cost = maps[h] / factor, float(above[h, side])
+        ranked.append(Hypothesis(gyro_map, factor, reading.handed, cost, along, down, noses_of))
     unit = np.arange(len(maps)) // 48
     others = above[unit != unit[best[0]]]
     total = shift_s + (0.0 if shift_s == 0.0 else fine)
@@ -213,17 +212,16 @@ def _mixed(moving: list[GnssStretch]) -> list[GnssStretch]:
     return moving[:first] + [moving[k] for k in spread]
 
 
-def _directions(
-    chosen: list[GnssStretch], start_s: Float64, path: Path, h: int, handed: int, shift_s: float
-) -> tuple[Float64, Float64]:
+def _directions(chosen: list[GnssStretch], reading: PathReading) -> tuple[Float64, Float64]:
     """Return the mean directions of motion and of gravity in sensor axes under one hypothesis."""
     along, down, epochs, least = np.zeros(3), np.zeros(3), 0.0, least_speed(chosen)
     for i, stretch in enumerate(chosen):
         lag = lag_of(stretch.t_s)
-        gained = path_at(path.gained[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
-        Q = best_rotation(stretch.s_e[lag:] - stretch.s_e[:-lag], gained[lag:] - gained[:-lag], handed)
-        q = path_at(path.q[h : h + 1, i], float(start_s[i]), stretch.t_s - shift_s)[0]
-        back = q / np.linalg.norm(q, axis=1, keepdims=True) * np.array([1.0, -1.0, -1.0, -1.0])
+        gained, q = reading.at(i, stretch.t_s)
+        Q = best_rotation(
+            stretch.s_e[lag:] - stretch.s_e[:-lag], gained[lag:] - gained[:-lag], reading.handed
+        )
+        back = q * np.array([1.0, -1.0, -1.0, -1.0])
         along_e, fast = directions_of(stretch, least)
         along += rotate(back[fast], along_e @ Q).sum(axis=0)
         epochs += float(fast.sum())

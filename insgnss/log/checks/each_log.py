@@ -9,12 +9,12 @@ from typing import Final, TypeVar
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.errors import InsGnssError, UnitsError
+from insgnss.errors import InsGnssError
 from insgnss.gnss.signals import CHANNELS
 from insgnss.log.checks.antennas_on_demand import antenna_findings
 from insgnss.log.checks.gnss import ephemeris_findings, gnss_findings, ionosphere_findings
 from insgnss.log.checks.imu import imu_findings
-from insgnss.log.checks.report import CheckReport, Finding, Proposal, from_events
+from insgnss.log.checks.report import CheckReport, Finding, from_error, from_events
 from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import missing_navigation, read_receiver, with_files
@@ -30,7 +30,6 @@ Table = TypeVar("Table")
 
 LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
 QUALITIES_SHOWN: Final = 5
-_SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 # Events that say how a log was read and report no defect
 NOTICES: Final = frozenset(
     {
@@ -94,9 +93,7 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
             findings += imu_findings(imu, config.gps_week, accel_unit=declared.accel_unit)
     receiver = None
     if config.gnss.files:
-        receiver = _attempt(
-            findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week, shared))
-        )
+        receiver = _attempt(findings, "gnss", lambda: _with_events(flight))
     else:
         findings.append(
             Finding("ok", "gnss", "no raw GNSS data: position fixes of [[sensor]] carry the filter")
@@ -139,21 +136,16 @@ def _attempt(
     try:
         table, events = read()
     except InsGnssError as error:
-        findings.append(_error_finding(topic, error))
+        findings.append(from_error(topic, error))
         return None
     findings += from_events(topic, events, NOTICES, frozenset({DEAD}))
     return table
 
 
-def _error_finding(topic: str, error: InsGnssError) -> Finding:
-    place = error.place()
-    fits = error.fits if isinstance(error, UnitsError) else ()
-    proposals = tuple(Proposal(key, value, error.message) for key, value in fits)
-    text = f"{place}: {error.message}" if place else error.message
-    return Finding("error", topic, text, error.advice, _SURE_OF_UNITS if fits else "", proposals)
-
-
-def _told(log: ReceiverLog) -> tuple[ReceiverLog, list[Event]]:
+def _with_events(flight: Flight) -> tuple[ReceiverLog, list[Event]]:
+    """Return the GNSS log of a flight and its events."""
+    config = flight.config
+    log = read_receiver(config.gnss, config.gps_week, config.columns_by_file())
     return log, log.events
 
 
@@ -197,7 +189,7 @@ def _check_navigation(
             ),
         )
     elif receiver.gnss.sat is None and not flight.config.gnss.precise and (navigation or not files):
-        findings.append(_error_finding("navigation", missing_navigation(flight.path)))
+        findings.append(from_error("navigation", missing_navigation(flight.path)))
         return
     findings += ionosphere_findings(navigation)
 
@@ -206,7 +198,7 @@ def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Fi
     try:
         check_overlap(imu.t_ns, gnss.t_ns, flight.config)
     except InsGnssError as error:
-        return [_error_finding("flight", error)]
+        return [from_error("flight", error)]
     start, end = max(imu.t_ns[0], gnss.t_ns[0]), min(imu.t_ns[-1], gnss.t_ns[-1])
     findings = [Finding("ok", "flight", f"IMU and GNSS overlap for {(end - start) / NS_PER_S:.1f} s")]
     before, after = epochs_outside(imu.t_ns, gnss.t_ns)

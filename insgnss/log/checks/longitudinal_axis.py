@@ -18,12 +18,11 @@ import numpy as np
 from insgnss.log.checks.motion_fit import (
     CORRELATED,
     MODEL_SIGMA_MPS,
-    Path,
+    PathReading,
     best_rotation,
     nearest_rotation,
     rotate,
 )
-from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.stretches import GnssStretch, lag_of
 from insgnss.tables import Bool, Float64
 
@@ -96,30 +95,22 @@ class _Moments(NamedTuple):
         return Q, cost
 
 
-def noses(
-    chosen: list[GnssStretch],
-    start_s: Float64,
-    path: Path,
-    h: int,
-    handed: int,
-    shift_s: float,
-    down_s: Float64,
-) -> list[Nose]:
+def noses(chosen: list[GnssStretch], reading: PathReading, down_s: Float64) -> list[Nose]:
     """Return the directions of motion that stretches allow under one reading, the cheapest first.
 
     Parameters
     ----------
     chosen : stretches in motion
-    start_s, path : of their grid; h is the reading's row
-    handed : det Q
-    shift_s : added to the inertial tags
+    reading : of their grid
     down_s : mean direction of gravity in sensor axes: no vehicle moves along it for long
     """
     least = least_speed(chosen)
-    parts = [
-        _moments(one, float(start_s[i]), path, h, i, handed, shift_s, least) for i, one in enumerate(chosen)
-    ]
-    base = sum(part.each * part.ds.size * np.log(_least(part) / part.ds.size + part.floor) for part in parts)
+    parts = [_moments(one, reading, i, least) for i, one in enumerate(chosen)]
+    free = [part.velocity_squares(best_rotation(part.ds, part.du, part.handed)) for part in parts]
+    base = sum(
+        part.each * part.ds.size * np.log(squares / part.ds.size + part.floor)
+        for part, squares in zip(parts, free, strict=True)
+    )
     level = AXES[np.abs(AXES @ down_s) < LEVEL]
     distinct: list[Nose] = []
     for nose in sorted((_settled(parts, a, base) for a in level), key=lambda one: one.cost):
@@ -156,10 +147,6 @@ def mean_direction(total: Float64, epochs: float, weight: float) -> Float64:
     return np.asarray(total * weight / max(epochs * weight, 1.0))
 
 
-def _least(part: _Moments) -> float:
-    return part.velocity_squares(best_rotation(part.ds, part.du, part.handed))
-
-
 def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
     """Return the direction that attitudes and direction agree on, begun from ``a``."""
     mean, cost = a, np.inf
@@ -177,21 +164,9 @@ def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
     return Nose(mean, float(cost - base))
 
 
-def _moments(
-    stretch: GnssStretch,
-    start_s: float,
-    path: Path,
-    h: int,
-    i: int,
-    handed: int,
-    shift_s: float,
-    least_mps: float,
-) -> _Moments:
+def _moments(stretch: GnssStretch, reading: PathReading, i: int, least_mps: float) -> _Moments:
     lag = lag_of(stretch.t_s)
-    t_s = stretch.t_s - shift_s
-    gained = path_at(path.gained[h : h + 1, i], start_s, t_s)[0]
-    q = path_at(path.q[h : h + 1, i], start_s, t_s)[0]
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    gained, q = reading.at(i, stretch.t_s)
     along_e, fast = directions_of(stretch, least_mps)
     C = np.stack(
         [rotate(q[fast], np.broadcast_to(unit, (int(fast.sum()), 3))) for unit in np.eye(3)], axis=-1
@@ -205,5 +180,5 @@ def _moments(
         2.0 * stretch.sd_mps**2 + MODEL_SIGMA_MPS**2,
         1.0 / (CORRELATED * lag),
         epoch_weight(stretch),
-        handed,
+        reading.handed,
     )

@@ -33,6 +33,25 @@ class Path(NamedTuple):
     gained: Float64  # (h, s, n, 3) [m/s]
 
 
+class PathReading(NamedTuple):
+    """A path under one hypothesis, its tags shifted."""
+
+    path: Path
+    start_s: Float64  # (s,) first node of each stretch
+    h: int
+    handed: int  # det Q
+    shift_s: float  # added to the inertial tags
+
+    def at(self, i: int, t_s: Float64) -> tuple[Float64, Float64]:
+        """Return gained velocities (k, 3) and unit quaternions (k, 4) of a stretch at the epochs' times."""
+        start_s, t_s = float(self.start_s[i]), t_s - self.shift_s
+        gained, q = (
+            at_times(values[self.h : self.h + 1, i], start_s, t_s)[0]
+            for values in (self.path.gained, self.path.q)
+        )
+        return gained, q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
 def signed_permutations() -> Float64:
     """Return all 48 matrices that exchange axes and change signs, (48, 3, 3), the unit matrix first."""
     matrices = []

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+from insgnss.errors import InsGnssError, UnitsError
 from insgnss.tables import Event
 
 Severity = Literal["ok", "warning", "error"]
@@ -19,6 +20,7 @@ AXES_FIT: Final = "axes_fit"  # the declared axes, as far as the motion shows th
 CLOCK_LEAPS: Final = "clock_leaps"  # bad epochs, not jumps of the receiver's clock
 VERTICAL_AXIS: Final = "vertical_axis"  # which one gravity shows, by itself
 
+_SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 Value = str | float | int | tuple[str, ...] | tuple[float, ...]
 
 
@@ -113,6 +115,14 @@ class CheckReport:
         count = Counter(finding.severity for finding in self.findings)
         summary = f"{self.name}: {count['error']} error(s), {count['warning']} warning(s), {count['ok']} ok"
         return [*(finding.line() for finding in self.findings), summary]
+
+
+def from_error(topic: str, error: InsGnssError) -> Finding:
+    """Return the finding of a log or a table that cannot be read; units that fit are proposed."""
+    fits = error.fits if isinstance(error, UnitsError) else ()
+    proposals = tuple(Proposal(key, value, error.message) for key, value in fits)
+    text = f"{error.place()}: {error.message}" if error.place() else error.message
+    return Finding("error", topic, text, error.advice, _SURE_OF_UNITS if fits else "", proposals)
 
 
 def from_events(

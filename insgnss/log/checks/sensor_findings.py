@@ -18,7 +18,7 @@ from insgnss.errors import InsGnssError
 from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import nearest
-from insgnss.log.checks.report import Finding, Severity, from_events
+from insgnss.log.checks.report import Finding, Severity, from_error, from_events
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.csv.columns import FileColumns
 from insgnss.log.flight import Flight
@@ -42,6 +42,18 @@ _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0
 
 
+class _LocalTrack(NamedTuple):
+    """The track, local level."""
+
+    t_s: Float64  # (n,) after the track's origin
+    v_n: Float64  # (n, 3)
+    place: Float64  # (n, 3) latitude, longitude [rad], height [m]
+
+    def ground_speed(self, t_s: Float64) -> Float64:
+        """Return the horizontal speed at given times."""
+        return np.asarray(np.interp(t_s, self.t_s, np.linalg.norm(self.v_n[:, :2], axis=1)))
+
+
 class _SampledTrack(NamedTuple):
     """GNSS at the times of a sensor's readings."""
 
@@ -54,14 +66,6 @@ class _SampledTrack(NamedTuple):
     @property
     def speed(self) -> Float64:
         return np.asarray(np.linalg.norm(self.v_n[:, :2], axis=1))
-
-
-class _LocalTrack(NamedTuple):
-    """The track, local level."""
-
-    t_s: Float64
-    v_n: Float64
-    place: Float64
 
 
 class SensorLogRead(NamedTuple):
@@ -85,8 +89,7 @@ def _read(config: Sensor, week: int, shared: FileColumns) -> SensorLogRead:
     try:
         table, events = read_sensor(config, week, shared)
     except InsGnssError as error:
-        text = f"{error.place()}: {error.message}" if error.place() else error.message
-        return SensorLogRead(config, None, [Finding("error", config.label, text, error.advice)])
+        return SensorLogRead(config, None, [from_error(config.label, error)])
     findings = from_events(config.label, events, _NOTICES)
     return SensorLogRead(config, table, [*findings, _rate(config, table)])
 
@@ -95,7 +98,10 @@ def sensor_findings(
     logs: Iterable[SensorLogRead], track: GnssTrack | None, imu: ImuTable | None
 ) -> list[Finding]:
     """Return the findings on each further sensor, with those of reading its log."""
-    gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
+    gnss = None
+    if track is not None and len(track.t_s) >= _LEAST_POINTS:
+        place = geodetic(track.r_e)
+        gnss = _LocalTrack(track.t_s, np.einsum("kij,kj->ki", ned_axes(place), track.v_e), place)
     findings = []
     for config, table, of_reading in logs:
         findings += of_reading
@@ -109,11 +115,6 @@ def sensor_findings(
             if len(common.t_s) >= _LEAST_POINTS:
                 findings += _CHECKS[config.kind](config, common)
     return findings
-
-
-def _local(track: GnssTrack) -> _LocalTrack:
-    place = geodetic(track.r_e)
-    return _LocalTrack(track.t_s, np.einsum("kij,kj->ki", ned_axes(place), track.v_e), place)
 
 
 def _at(gnss: _LocalTrack, t_s: Float64, of: Float64) -> Float64:
@@ -130,12 +131,8 @@ def _common(table: SensorTable, gnss: _LocalTrack, origin_ns: int) -> _SampledTr
 
 
 def _part(common: _SampledTrack, which: Bool) -> _SampledTrack:
-    return common._replace(
-        t_s=common.t_s[which],
-        values=common.values[which],
-        v_n=common.v_n[which],
-        place=common.place[which],
-    )
+    names = ("t_s", "values", "v_n", "place")
+    return common._replace(**{name: getattr(common, name)[which] for name in names})
 
 
 def _rate(config: Sensor, table: SensorTable) -> Finding:
@@ -172,9 +169,7 @@ def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
         remarks.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
     if factor < 0.0 or (np.abs(z).sum() > 2.0 * np.abs(z.sum())):
         remarks.append("its sign is against the motion: is it mounted or counted backwards?")
-    gnss = common.gnss
-    ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
-    remarks += _shift(common, np.abs(common.values[:, 0] / factor), lambda t: np.interp(t, gnss.t_s, ground))
+    remarks += _shift(common, np.abs(common.values[:, 0] / factor), common.gnss.ground_speed)
     return [_judged(config, f"{factor:.3f} times the speed by GNSS", remarks)]
 
 
@@ -219,10 +214,6 @@ def _mean_turn(turn: Float64) -> tuple[float, float]:
     mean = np.angle(np.mean(np.exp(1j * turn)))
     rest = np.angle(np.exp(1j * (turn - mean)))
     return float(np.degrees(mean)), float(np.degrees(np.sqrt(np.mean(rest**2))))
-
-
-def _heading(config: Any, common: _SampledTrack) -> list[Finding]:
-    return _heading_against_course(config, common, common.values[:, 0], "give it by offset_deg")
 
 
 def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -292,11 +283,9 @@ def _velocity(config: Any, common: _SampledTrack) -> list[Finding]:
         other = "enu" if config.axes == "ned" else "ned"
         advice = "check its axes, unit and time"
         remarks.append(f"axes = '{other}' fits" if swapped < 0.3 * rms else advice)
-    gnss = common.gnss
-    ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
     if np.isfinite(common.values[:, :2]).all():
         level = np.linalg.norm(common.values[:, :2], axis=1)
-        remarks += _shift(common, level, lambda t: np.interp(t, gnss.t_s, ground))
+        remarks += _shift(common, level, common.gnss.ground_speed)
     return [_judged(config, f"{rms:.2f} m/s from the velocity by range rates (median, horizontal)", remarks)]
 
 
@@ -308,7 +297,9 @@ _CHECKS: Final[dict[str, Callable[[Any, _SampledTrack], list[Finding]]]] = {
     "odometer": _odometer,
     "barometer": _barometer,
     "magnetometer": _magnetometer,
-    "heading": _heading,
+    "heading": lambda config, common: _heading_against_course(
+        config, common, common.values[:, 0], "give it by offset_deg"
+    ),
     "attitude": _attitude,
     "position": _position,
     "velocity": _velocity,

@@ -73,12 +73,9 @@ def with_numbers(text: str, form: DateForm) -> tuple[str, str]:
     for expression, date in _FORMS:
         if match := expression.match(text):
             parsed = date(match, form)
-            return (text, form.order) if parsed is None else (f"{parsed[0]}T{_rest(text, match)}", parsed[1])
+            rest = text[match.end() :].lstrip().removeprefix("T").removeprefix("t")
+            return (text, form.order) if parsed is None else (f"{parsed[0]}T{rest}", parsed[1])
     return text, form.order
-
-
-def _rest(text: str, match: re.Match[str]) -> str:
-    return text[match.end() :].lstrip().removeprefix("T").removeprefix("t")
 
 
 def full_year(digits: str) -> str:

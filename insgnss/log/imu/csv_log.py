@@ -85,9 +85,8 @@ def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
     """
     file = ", ".join(map(str, config.every_file))
     raw, _ = _increasing(config, week, file)
-    step = np.diff(raw.t_ns)
     own = config.model_copy(update={"axes": ("+x", "+y", "+z"), "gyro_axes": None, "mounting_matrix": None})
-    return _to_table(raw, step, own, file)[0]
+    return _to_table(raw, np.diff(raw.t_ns), own, file)[0]
 
 
 def _increasing(
@@ -141,23 +140,14 @@ def _axes(
 ) -> tuple[SensorTriad, SensorTriad]:
     """Return the sensor axes as logged, with their units and ranges."""
     per_step = NS_PER_S / median_ns if config.values == "increments" else 1.0
-    gyro_range = None if grade is None else grade.gyro_range_deg_per_s
-    accel_range = None if grade is None else grade.accel_range_g
+    gyro_unit, accel_unit = (SI_PER_UNIT[unit] * per_step for unit in (config.gyro_unit, config.accel_unit))
+    gyro_range, accel_range = (
+        None if grade is None or (limit := getattr(grade, name)) is None else limit * unit
+        for name, unit in (("gyro_range_deg_per_s", RAD_PER_DEG), ("accel_range_g", STANDARD_GRAVITY_MPS2))
+    )
     return (
-        SensorTriad(
-            "gyro",
-            raw.gyro,
-            config.columns.gyro,
-            SI_PER_UNIT[config.gyro_unit] * per_step,
-            None if gyro_range is None else gyro_range * RAD_PER_DEG,
-        ),
-        SensorTriad(
-            "accel",
-            raw.accel,
-            config.columns.accel,
-            SI_PER_UNIT[config.accel_unit] * per_step,
-            None if accel_range is None else accel_range * STANDARD_GRAVITY_MPS2,
-        ),
+        SensorTriad("gyro", raw.gyro, config.columns.gyro, gyro_unit, gyro_range),
+        SensorTriad("accel", raw.accel, config.columns.accel, accel_unit, accel_range),
     )
 
 
@@ -178,19 +168,14 @@ def _read_files(
         events += more_events
     if len(parts) == 1:
         return parts[0], events
-    raw, refused = _in_order(
-        _joined(sorted(parts, key=lambda part: int(part.t_ns[0]))), ", ".join(map(str, files))
-    )
-    return raw, events + refused
-
-
-def _joined(parts: list[_RawColumns]) -> _RawColumns:
-    first = parts[0]
-    return _RawColumns(
+    parts.sort(key=lambda part: int(part.t_ns[0]))
+    joined = _RawColumns(
         np.concatenate([part.t_ns for part in parts]),
-        [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(len(first.gyro))],
-        [np.concatenate([part.accel[axis] for part in parts]) for axis in range(len(first.accel))],
+        [np.concatenate(columns) for columns in zip(*(part.gyro for part in parts), strict=True)],
+        [np.concatenate(columns) for columns in zip(*(part.accel for part in parts), strict=True)],
     )
+    raw, refused = _in_order(joined, ", ".join(map(str, files)))
+    return raw, events + refused
 
 
 def _read_file(

@@ -81,27 +81,17 @@ def _long(t_ns: Int64, same: Bool) -> Bool:
     return inside
 
 
-def _short_runs(same: Bool, outside: Bool) -> float:
-    """Return the share of samples outside the long runs that lie in runs of ``COARSE_SAMPLES`` and more."""
-    first, last = stretches_of(same & outside).T
-    length = last - first + 1
-    return float(length[length >= COARSE_SAMPLES].sum() / max(int(outside.sum()), 1))
-
-
 def _told(
-    t_ns: Int64,
-    own: list[SensorTriad],
-    other: SensorTriad | None,
-    same: Bool,
-    name: str,
-    file: str,
+    t_ns: Int64, own: list[SensorTriad], other: SensorTriad | None, same: Bool, name: str, file: str
 ) -> list[Event]:
     runs = _runs(t_ns, same)
     if not runs:
         return []
     outside = ~_long(t_ns, same)
     steps = [_change_steps(sensor, outside) for sensor in own]
-    coarse = _short_runs(same, outside) > COARSE_SHARE
+    first, last = stretches_of(same & outside).T
+    length = last - first + 1
+    coarse = length[length >= COARSE_SAMPLES].sum() > COARSE_SHARE * max(int(outside.sum()), 1)
     frozen = [
         (a, b)
         for a, b in runs
@@ -110,18 +100,15 @@ def _told(
         or (not coarse and other is not None and _moves(t_ns, other, a, b))
         or (other is None and not outside.any())
     ]
-    return _events(t_ns, frozen, name, file)
-
-
-def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> list[Event]:
     text = f"{file}: {name} hold their values for"
-    total_s = sum(int(t_ns[b] - t_ns[a]) for a, b in runs) / NS_PER_S
+    total_s = sum(int(t_ns[b] - t_ns[a]) for a, b in frozen) / NS_PER_S
     share = total_s * NS_PER_S / max(float(t_ns[-1] - t_ns[0]), 1.0)
     if share > 0.5:
-        return [
-            Event(int(t_ns[runs[0][0]]), DEAD, f"{text} {total_s:.3g} s, {100.0 * share:.0f} % of the log")
-        ]
-    events = [Event(int(t_ns[a]), FROZEN, f"{text} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in runs]
+        detail = f"{text} {total_s:.3g} s, {100.0 * share:.0f} % of the log"
+        return [Event(int(t_ns[frozen[0][0]]), DEAD, detail)]
+    events = [
+        Event(int(t_ns[a]), FROZEN, f"{text} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in frozen
+    ]
     return shortened(events, file)
 
 

@@ -94,7 +94,11 @@ def _check_accelerometer(
     fitting = _fitting_units(seen, config, mean_ns, at_rest)
     if not fitting:
         return [Event(None, "units_suspicion", f"{file}: {symptom}")] if at_rest else []
-    texts = [_declaration(unit, config) for unit in fitting]
+    texts = []
+    for unit in fitting:
+        values = _values_of(unit)
+        prefix = "" if values == config.values else f"values = '{values}' with "
+        texts.append(f"{prefix}accel_unit = '{unit}'")
     advice = " or ".join(texts) + (" fits" if len(texts) == 1 else " would fit")
     if at_rest:
         error = UnitsError(
@@ -147,12 +151,6 @@ def _mean_ns(imu: ImuTable, median_ns: float) -> float:
 
 def _values_of(accel_unit: str) -> str:
     return "increments" if accel_unit in ("m/s", "g*s") else "rates"
-
-
-def _declaration(unit: str, config: ImuConfig) -> str:
-    values = _values_of(unit)
-    prefix = "" if values == config.values else f"values = '{values}' with "
-    return f"{prefix}accel_unit = '{unit}'"
 
 
 def _other_units(config: ImuConfig, mean_ns: float) -> list[tuple[str, float]]:

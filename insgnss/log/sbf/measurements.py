@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.gnss.signals import signal_of
 from insgnss.log.events import counted
 from insgnss.log.files import records
 from insgnss.log.sbf.blocks import (
@@ -30,7 +31,7 @@ from insgnss.log.sbf.blocks import (
     block_times_ns,
     time_known,
 )
-from insgnss.log.sbf.signals import CHANNEL_OFFSET, E6_B_USED, E6_SIGNAL, SATELLITES, SIGNALS
+from insgnss.log.sbf.signals import CHANNEL_OFFSET, E6_B_USED, E6_SIGNAL, G3_HZ, SATELLITES, SIGNALS
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 Records = np.ndarray[tuple[int], np.dtype[np.void]]
@@ -160,8 +161,9 @@ def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> t
 def _carriers(number: Int64, channel: Int64) -> Float64:
     centre = np.full(64, np.nan)
     step = np.zeros(64)
-    for index, signal in SIGNALS.items():
-        centre[index], step[index] = signal.carrier_hz, signal.step_hz
+    for index, (system, code) in SIGNALS.items():
+        known = signal_of(system, code)
+        centre[index], step[index] = (known.carrier_hz, known.channel_step_hz) if known else (G3_HZ, 0.0)
     return np.asarray(centre[number] + step[number] * channel)
 
 

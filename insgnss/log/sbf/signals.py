@@ -4,69 +4,30 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from insgnss.gnss.signals import (
-    B1I_HZ,
-    B3I_HZ,
-    E5_HZ,
-    E5B_HZ,
-    E6_HZ,
-    G1_HZ,
-    G1_STEP_HZ,
-    G2_HZ,
-    G2_STEP_HZ,
-    L1_HZ,
-    L2_HZ,
-    L5_HZ,
-)
-
 G3_HZ: Final = 1_202.025e6  # GLONASS ICD CDMA L3 1.0, 4.1
 CHANNEL_OFFSET: Final = 8
 
 
 class SbfSignal(NamedTuple):
-    """One signal number: system, RINEX code of the pseudorange, carrier, and its step from channel to channel."""
+    """One signal number: system, and RINEX code of the pseudorange."""
 
     system: str
     code: str
-    carrier_hz: float
-    step_hz: float = 0.0
 
 
 E6_B_USED: Final = 0x40  # bit of MeasEpoch's common flags: signal 19 is E6-B
 E6_SIGNAL: Final = 19
+_CODES: Final[dict[str, dict[int, str]]] = {
+    "G": {0: "C1C", 1: "C1W", 2: "C2W", 3: "C2L", 4: "C5Q", 5: "C1L"},
+    "R": {8: "C1C", 9: "C1P", 10: "C2P", 11: "C2C", 12: "C3Q"},
+    "S": {24: "C1C", 25: "C5I"},
+    "E": {17: "C1C", E6_SIGNAL: "C6C", 20: "C5Q", 21: "C7Q", 22: "C8Q"},
+    "C": {13: "C1P", 14: "C5P", 28: "C2I", 29: "C7I", 30: "C6I", 34: "C7D"},
+    "J": {6: "C1C", 7: "C2L", 26: "C5Q", 32: "C1L", 33: "C1Z", 38: "C1E", 39: "C5P"},
+    "I": {15: "C5A"},
+}
 SIGNALS: Final = {
-    0: SbfSignal("G", "C1C", L1_HZ),
-    1: SbfSignal("G", "C1W", L1_HZ),
-    2: SbfSignal("G", "C2W", L2_HZ),
-    3: SbfSignal("G", "C2L", L2_HZ),
-    4: SbfSignal("G", "C5Q", L5_HZ),
-    5: SbfSignal("G", "C1L", L1_HZ),
-    6: SbfSignal("J", "C1C", L1_HZ),
-    7: SbfSignal("J", "C2L", L2_HZ),
-    8: SbfSignal("R", "C1C", G1_HZ, G1_STEP_HZ),
-    9: SbfSignal("R", "C1P", G1_HZ, G1_STEP_HZ),
-    10: SbfSignal("R", "C2P", G2_HZ, G2_STEP_HZ),
-    11: SbfSignal("R", "C2C", G2_HZ, G2_STEP_HZ),
-    12: SbfSignal("R", "C3Q", G3_HZ),
-    13: SbfSignal("C", "C1P", L1_HZ),
-    14: SbfSignal("C", "C5P", L5_HZ),
-    15: SbfSignal("I", "C5A", L5_HZ),
-    17: SbfSignal("E", "C1C", L1_HZ),
-    19: SbfSignal("E", "C6C", E6_HZ),
-    20: SbfSignal("E", "C5Q", L5_HZ),
-    21: SbfSignal("E", "C7Q", E5B_HZ),
-    22: SbfSignal("E", "C8Q", E5_HZ),
-    24: SbfSignal("S", "C1C", L1_HZ),
-    25: SbfSignal("S", "C5I", L5_HZ),
-    26: SbfSignal("J", "C5Q", L5_HZ),
-    28: SbfSignal("C", "C2I", B1I_HZ),
-    29: SbfSignal("C", "C7I", E5B_HZ),
-    30: SbfSignal("C", "C6I", B3I_HZ),
-    32: SbfSignal("J", "C1L", L1_HZ),
-    33: SbfSignal("J", "C1Z", L1_HZ),
-    34: SbfSignal("C", "C7D", E5B_HZ),
-    38: SbfSignal("J", "C1E", L1_HZ),
-    39: SbfSignal("J", "C5P", L5_HZ),
+    number: SbfSignal(system, code) for system, codes in _CODES.items() for number, code in codes.items()
 }
 # First and last SVID, system, what is taken from the SVID to get the number of RINEX
 _SVID_RANGES: Final = (

@@ -1,4 +1,4 @@
-"""Options that a command would not use: refused, so that no one takes a result for what it is not."""
+"""Options that hold several values with commas between them, and options that a command would not use."""
 
 from __future__ import annotations
 
@@ -7,6 +7,26 @@ from collections.abc import Container
 import typer
 
 from insgnss.errors import ConfigError
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Return the names, without blanks and without empty ones."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def numbers_in(text: str, key: str) -> list[float]:
+    """Return the numbers.
+
+    Raises
+    ------
+    ConfigError : one of them is not a number; ``key`` is the option
+    """
+    try:
+        return [float(name) for name in names_in(text)]
+    except ValueError:
+        raise ConfigError(
+            f"'{text}' is not a list of numbers", key=key, advice="write them as in 45,40,35"
+        ) from None
 
 
 def refuse_given(context: typer.Context, names: Container[str], when: str) -> None:
