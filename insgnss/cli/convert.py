@@ -94,12 +94,7 @@ def convert(
 
 
 def _scales(text: str) -> tuple[float, float] | None:
-    """Return the two numbers of ``--imu-scale``, None without it.
-
-    Raises
-    ------
-    ConfigError : not two positive numbers
-    """
+    """Return the two numbers of ``--imu-scale``, None without it."""
     if not text:
         return None
     try:
@@ -116,12 +111,7 @@ def _scales(text: str) -> tuple[float, float] | None:
 
 
 def _origin(text: str) -> RtcmOrigin | None:
-    """Return whose the RTCM messages are, None without ``--rtcm``.
-
-    Raises
-    ------
-    ConfigError : another word
-    """
+    """Return whose the RTCM messages are, None without ``--rtcm``."""
     if text in ("own", "base"):
         return "own" if text == "own" else "base"
     if text:
@@ -130,12 +120,7 @@ def _origin(text: str) -> RtcmOrigin | None:
 
 
 def _topics(named: list[str]) -> dict[str, str]:
-    """Return the topics by the parts they are named for.
-
-    Raises
-    ------
-    ConfigError : a part is none, or named twice
-    """
+    """Return the topics by the parts they are named for."""
     topics: dict[str, str] = {}
     for text in named:
         part, _, name = text.partition("=")

@@ -225,12 +225,7 @@ def _once(events: list[Event]) -> list[Event]:
 
 
 def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
-    """Return the GPS week in which a log begins, if its times state it.
-
-    Raises
-    ------
-    ConfigError : the times of all logs are seconds of an unknown week
-    """
+    """Return the GPS week in which a log begins, if its times state it."""
     t_ns = np.zeros(0, np.int64)
     if config.gnss.files and (config.gnss.format != "csv" or not config.gnss.counts_in_gps_week):
         t_ns = read_receiver(config.gnss, 0).gnss.t_ns

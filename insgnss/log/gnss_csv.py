@@ -164,12 +164,7 @@ def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:
 
 
 def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Event]:
-    """Return an event for each column of sigmas of which some are not above zero.
-
-    Raises
-    ------
-    ColumnError : none is
-    """
+    """Return an event for each column of sigmas of which some are not above zero."""
     events: list[Event] = []
     for name in names:
         sigma = table.columns.get(name, np.zeros(0))
@@ -188,12 +183,7 @@ def _sigma_events(table: CsvTable, names: Iterable[str], path: Path) -> list[Eve
 
 
 def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float64 | None, list[Event]]:
-    """Return (n, 8) satellite states of the log, None when it has none or a part only.
-
-    Raises
-    ------
-    ColumnError : some of the eight columns are there, others not, and nothing else says where the satellites were
-    """
+    """Return (n, 8) satellite states of the log, None when it has none or a part only."""
     columns = _state_columns(config.columns)
     missing = [name for name in columns if name not in table.columns]
     if not missing:
@@ -263,12 +253,7 @@ def _signals(
 def _unknown_signals(
     table: CsvTable, config: Gnss, sv: Int16, sv_names: tuple[str, ...], path: Path
 ) -> list[Event]:
-    """Return an event of each signal that RINEX does not name so; its rows stand in the ledger as unknown.
-
-    Raises
-    ------
-    ColumnError : no row has a signal that RINEX names
-    """
+    """Return an event of each signal that RINEX does not name so; its rows stand in the ledger as unknown."""
     column = config.columns.signal
     text = table.text.get(column)
     if text is None:

@@ -97,12 +97,7 @@ def join_logs(logs: Sequence[FormatLog]) -> ReceiverLog:
 
 
 def _only(logs: Sequence[FormatLog], what: str, holds: Callable[[ReceiverLog], bool]) -> FormatLog | None:
-    """Return the one log that holds something, None without one.
-
-    Raises
-    ------
-    InputError : several do
-    """
+    """Return the one log that holds something, None without one."""
     holders = [one for one in logs if holds(one.log)]
     if len(holders) > 1:
         raise InputError(
@@ -114,12 +109,7 @@ def _only(logs: Sequence[FormatLog], what: str, holds: Callable[[ReceiverLog], b
 
 
 def _check_overlap(first: FormatLog, others: Sequence[FormatLog]) -> None:
-    """Hold the span of the measurements against those of the other logs.
-
-    Raises
-    ------
-    TimeError : no time in common
-    """
+    """Hold the span of the measurements against those of the other logs."""
     begin, end = first.log.span_ns()
     for other in others:
         other_begin, other_end = other.log.span_ns()

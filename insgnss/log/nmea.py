@@ -248,12 +248,7 @@ def _angle(text: str, side: str, sides: str, most: float) -> float:
 
 
 def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> Int64:
-    """Return the GPS times (n,); a time of day that falls by more than half a day begins the next day.
-
-    Raises
-    ------
-    TimeError : no date anywhere
-    """
+    """Return the GPS times (n,); a time of day that falls by more than half a day begins the next day."""
     clock_ns = np.array([epoch.time_ns for epoch in epochs], np.int64)
     day = np.concatenate([[0], np.cumsum(np.diff(clock_ns) < -NS_PER_DAY // 2)]).tolist()
     first = next((k for k, epoch in enumerate(epochs) if epoch.date is not None), 0)

@@ -71,12 +71,7 @@ def _first_day(log: ReceiverLog) -> dt.date | None:
 def _with_rtcm(
     log: ReceiverLog, kind: Format, paths: Sequence[Path], declared: LogDeclarations
 ) -> ReceiverLog:
-    """Return a log without measurements with those of the RTCM messages between its own.
-
-    Raises
-    ------
-    TimeError : the log has nothing else, and the date of the messages is unknown
-    """
+    """Return a log without measurements with those of the RTCM messages between its own."""
     try:
         stream = read_rtcm(paths, declared.date or _first_day(log))
     except TimeError:
@@ -98,12 +93,7 @@ def _with_rtcm(
 
 
 def _of_the_receiver(stream: ReceiverLog, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
-    """Return an RTCM log with the fixes of NMEA sentences in it, without its measurements where they are a base's.
-
-    Raises
-    ------
-    InputError : they are declared a base station's, and the log has no fixes
-    """
+    """Return an RTCM log with the fixes of NMEA sentences in it, without its measurements where they are a base's."""
     if stream.solution is None and declared.rtcm != "base":
         return stream
     name = f"{paths[0]}: RTCM messages beside the receiver's NMEA"

@@ -61,12 +61,7 @@ def read_reference(
 
 
 def _possible_rows(table: CsvTable, config: Reference) -> tuple[Int64, list[Event]]:
-    """Return the rows whose position can be, and an event where others are left out.
-
-    Raises
-    ------
-    ColumnError : more than 5 % of the rows, and more than three, have an impossible position
-    """
+    """Return the rows whose position can be, and an event where others are left out."""
     names = config.columns.position
     place = np.column_stack([table.columns[name] for name in names])
     possible = on_earth(place)

@@ -64,12 +64,7 @@ def export_run(run: Run, path: str | Path, format: str | None = None, *, at_poin
 
 
 def _moved_to_point(run: Run) -> Run:
-    """Return the run with its further point in place of the IMU, without the covariances of the IMU's errors.
-
-    Raises
-    ------
-    ResultError : it has none
-    """
+    """Return the run with its further point in place of the IMU, without the covariances of the IMU's errors."""
     if "point_lat_deg" not in run.nav:
         advice = (
             "replay the flight with --point: insgnss replay FLIGHT --point FORWARD,RIGHT,DOWN --output FOLDER"

@@ -124,12 +124,7 @@ def detect_dialect(
 
 
 def _first_lines(data: memoryview, path: Path) -> list[bytes]:
-    """Return the lines at the head of a file, whole ones.
-
-    Raises
-    ------
-    InputError : the file is UTF-16
-    """
+    """Return the lines at the head of a file, whole ones."""
     head = bytes(data[:_HEAD_BYTES])
     if len(data) > _HEAD_BYTES:
         head = head[: head.rfind(b"\n") + 1] or bytes(data)
@@ -139,12 +134,7 @@ def _first_lines(data: memoryview, path: Path) -> list[bytes]:
 
 
 def _by_the_first_line(lines: list[bytes], wanted: Collection[str], decimal: str, path: Path) -> Dialect:
-    """Return the dialect whose header is the first line, or a comment above it.
-
-    Raises
-    ------
-    InputError : the file holds no header line, or is binary
-    """
+    """Return the dialect whose header is the first line, or a comment above it."""
     numbers = {k for name in wanted if (k := column_number(name)) is not None}
     comment: Dialect | None = None
     for number, raw in enumerate(lines, start=1):

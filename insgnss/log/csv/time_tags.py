@@ -125,12 +125,7 @@ def _of_weeks(table: CsvTable, log: LogTable) -> tuple[Int64, Bool]:
 
 
 def _require_whole_weeks(table: CsvTable, log: LogTable, t_ns: Int64) -> None:
-    """Refuse weeks that a receiver counts modulo 1024, unless ``offset_s`` mends them.
-
-    Raises
-    ------
-    TimeError : the log would be of before August 1999
-    """
+    """Refuse weeks that a receiver counts modulo 1024, unless ``offset_s`` mends them."""
     week = middle_ns(t_ns) // NS_PER_WEEK
     if week + log.time.offset_s * NS_PER_S / NS_PER_WEEK >= ROLLOVER_WEEKS:
         return
@@ -146,12 +141,7 @@ def _require_whole_weeks(table: CsvTable, log: LogTable, t_ns: Int64) -> None:
 
 
 def _require_some(table: CsvTable, log: LogTable, possible: Bool) -> None:
-    """Refuse a file of which most times are impossible.
-
-    Raises
-    ------
-    TimeError : they are
-    """
+    """Refuse a file of which most times are impossible."""
     bad, scale = np.flatnonzero(~possible), log.time
     if 2 * len(bad) <= table.n:
         return

@@ -109,12 +109,7 @@ def _increasing(
 def _at_the_gyros_times(
     gyro: _RawColumns, accel: _RawColumns, week: int, file: str
 ) -> tuple[_RawColumns, list[Event]]:
-    """Return the gyros' samples with the specific force interpolated to their times, as ``paired`` does.
-
-    Raises
-    ------
-    InputError : no sample of one sensor is near one of the other
-    """
+    """Return the gyros' samples with the specific force interpolated to their times, as ``paired`` does."""
     table, events = paired(
         gyro.t_ns, np.column_stack(gyro.gyro), accel.t_ns, np.column_stack(accel.accel), file
     )

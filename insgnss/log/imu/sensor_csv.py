@@ -206,12 +206,7 @@ def _speeds_of_counts(table: SensorTable) -> SensorTable:
 
 
 def _require_readings(config: Sensor, table: SensorTable) -> None:
-    """Refuse a log without a single reading.
-
-    Raises
-    ------
-    InputError : every row is empty or impossible, or sigmas are given nowhere
-    """
+    """Refuse a log without a single reading."""
     if not np.isfinite(table.values).any():
         raise InputError(
             f"no row holds a possible {config.kind} reading",

@@ -132,12 +132,7 @@ def _losses(
 
 
 def _unread(frames: NovatelFrames, why: str) -> Event:
-    """Return the event of messages that were left to the library.
-
-    Raises
-    ------
-    InputError : there is nothing else in the file
-    """
+    """Return the event of messages that were left to the library."""
     detail = f"{_needed(frames)} not read: NovAtel's own library, novatel-edie, {why}"
     if not frames.count:
         advice = "log the binary messages instead: RANGEB, RAWEPHEMB, RAWIMUSXB"

@@ -147,12 +147,7 @@ def read_navigation(
 
 
 def _navigation_text(file: JoinedFile) -> tuple[str, list[Event]]:
-    """Return a file's text as ``sidereon`` reads it, and an event of its tabs.
-
-    Raises
-    ------
-    NavigationDataError : it is not a RINEX navigation file
-    """
+    """Return a file's text as ``sidereon`` reads it, and an event of its tabs."""
     is_old = version_of(file.text) < 3.0
     form = _FORM_2 if is_old else _FORM_3
     text, events = without_tabs(file.text, file.name, form.is_in_columns, form.name_width, "messages")

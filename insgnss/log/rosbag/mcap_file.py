@@ -141,12 +141,7 @@ def read_topics(
 
 
 def _decoders(path: Path) -> Any:
-    """Return what makes decoders of ROS 2 types.
-
-    Raises
-    ------
-    InputError : the libraries are not installed
-    """
+    """Return what makes decoders of ROS 2 types."""
     try:
         from mcap_ros2.decoder import DecoderFactory  # needs mcap itself
     except ImportError as error:
@@ -228,12 +223,7 @@ class _RecordCollector:
 
 
 def _unpacked(chunk: Any) -> bytes:
-    """Return a chunk's bytes.
-
-    Raises
-    ------
-    ValueError : it would grow beyond belief, or is packed in an unknown way
-    """
+    """Return a chunk's bytes."""
     size, most = chunk.uncompressed_size, largest_unpacked(len(chunk.data))
     if size > most:
         raise ValueError(f"it expands to more than {MOST_TIMES} times its size")

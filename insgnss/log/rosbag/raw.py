@@ -76,12 +76,7 @@ def raw_log(topic: Topic, subframes: Sequence[Topic], path: Path, events: list[E
 
 
 def _first(message: Any, *names: str) -> Any:
-    """Return the field that the message has of several names; drivers' versions differ.
-
-    Raises
-    ------
-    AttributeError : it has none of them
-    """
+    """Return the field that the message has of several names; drivers' versions differ."""
     for name in names:
         if hasattr(message, name):
             return getattr(message, name)

@@ -111,12 +111,7 @@ def _listed(topics: Any) -> str:
 def _one(
     by_name: Mapping[str, Topic], part: str, kinds: tuple[str, ...], wanted: Mapping[str, str], path: Path
 ) -> Topic | None:
-    """Return the topic of these types that is named or alone.
-
-    Raises
-    ------
-    InputError : there are several
-    """
+    """Return the topic of these types that is named or alone."""
     if part in wanted:
         topic = by_name[wanted[part]]
         if topic.kind not in kinds:
