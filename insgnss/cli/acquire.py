@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
 
 
@@ -61,16 +61,15 @@ def acquire(
     if as_json:
         print_json({"duration_s": file.duration_s, "satellites": records(shown)})
         return
-    from rich.table import Table
-
-    printed = Table()
-    for name in ("satellite", "status", "C/N0 dBHz", "Doppler Hz", "delay chips", "over threshold"):
-        printed.add_column(name, justify="left" if name in ("satellite", "status") else "right")
-    for row in shown.to_dict("records"):
-        cells = (f"{row['cn0_dbhz']:.1f}", f"{row['doppler_hz']:.0f}", f"{row['delay_chips']:.2f}")
-        over = row["statistic"] / row["threshold"]
-        printed.add_row(str(row["sv"]), str(row["status"]), *cells, f"{over:.2f}")
-    result_console(100).print(printed)
+    rows = (
+        (
+            *(str(row["sv"]), str(row["status"]), f"{row['cn0_dbhz']:.1f}", f"{row['doppler_hz']:.0f}"),
+            *(f"{row['delay_chips']:.2f}", f"{row['statistic'] / row['threshold']:.2f}"),
+        )
+        for row in shown.to_dict("records")
+    )
+    heads = ("satellite", "status", "C/N0 dBHz", "Doppler Hz", "delay chips", "over threshold")
+    result_console(100).print(text_table(None, heads, rows, left=("satellite", "status")))
     n_satellites = int((table["status"] == "found").sum())
     doubtful = int((table["status"] == "cross_correlation").sum())
     typer.echo(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.errors import ResultError
 
@@ -113,14 +113,13 @@ def _run(
 
 
 def _table(summary: pd.DataFrame) -> Table:
-    from rich.table import Table
-
-    table = Table()
     shown = [name for name in _SHOWN if name in summary]
     groups = [name for name in summary.columns[: list(summary.columns).index("column") + 1]]
-    for name in (*groups, *shown):
-        table.add_column(name, justify="left" if name in groups else "right")
-    for row in summary.to_dict("records"):
-        numbers = ("" if row[name] != row[name] else f"{row[name]:.4g}" for name in shown)
-        table.add_row(*(str(row[name]) for name in groups), *numbers)
-    return table
+    rows = (
+        (
+            *(str(row[name]) for name in groups),
+            *("" if row[name] != row[name] else f"{row[name]:.4g}" for name in shown),
+        )
+        for row in summary.to_dict("records")
+    )
+    return text_table(None, (*groups, *shown), rows, left=groups)

@@ -10,7 +10,7 @@ import typer
 
 from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, run_files, tell_end
-from insgnss.cli.printing import AsJson, print_json, result_console
+from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import PAGE_KIND, check_file_replaceable, overwriting
@@ -63,15 +63,11 @@ def _names(paths: list[Path]) -> list[str]:
 
 
 def _table(comparison: Comparison) -> Table:
-    from rich.table import Table
-
     from insgnss.report.labels import label, number
 
     title = f"difference from '{comparison.first}', sigma, error against the flight's reference"
-    table = Table(title=title, caption=str(comparison.span))
-    for name in ("run", "", "mean", "rms", "95 %", "largest", "median sigma", "rms error"):
-        table.add_column(name, justify="left" if name in ("run", "") else "right")
-    last = ""
+    heads = ("run", "", "mean", "rms", "95 %", "largest", "median sigma", "rms error")
+    table, last = text_table(title, heads, (), left=("run", ""), caption=str(comparison.span)), ""
     for row in comparison.statistics.itertuples(index=False, name=None):
         if row[0] != last and last:
             table.add_section()

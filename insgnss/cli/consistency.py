@@ -10,7 +10,7 @@ import typer
 
 from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, Pictures, SavedRun, StudyFolder, check_files, run_files, tell_end
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
 from insgnss.results.saving import STUDY_KIND, overwriting
 
@@ -65,14 +65,8 @@ def consistency(
 
 
 def _table(title: str, key: str, values: pd.DataFrame, columns: tuple[str, ...]) -> Table:
-    from rich.table import Table
-
-    table = Table(title=title)
-    for name in (key, *columns):
-        table.add_column(name, justify="left" if name == key else "right")
-    for row in values.to_dict("records"):
-        table.add_row(str(row[key]), *(number_cell(row[c]) for c in columns))
-    return table
+    rows = ((str(row[key]), *(number_cell(row[c]) for c in columns)) for row in values.to_dict("records"))
+    return text_table(title, (key, *columns), rows, left=(key,))
 
 
 def number_cell(number: float) -> str:

@@ -11,7 +11,7 @@ import typer
 
 from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
 from insgnss.results.saving import RECORDING_KIND, STUDY_KIND, check_file_replaceable, overwriting
 
@@ -121,9 +121,6 @@ def _without_errors(study: SampleStudy, duration_s: float) -> str:
 
 def _table(study: SampleStudy) -> Table:
     """Return the summary as a table of the terminal."""
-    from rich.table import Table
-
-    table = Table(title="errors from 5 s after the first fix on")
     heads = (
         "C/N0",
         "receiver",
@@ -134,10 +131,8 @@ def _table(study: SampleStudy) -> Table:
         "error/sigma",
         "velocity rms",
     )
-    for name in heads:
-        table.add_column(name, justify="left" if name == "receiver" else "right")
-    for row in study.summary.to_dict("records"):
-        table.add_row(
+    rows = (
+        (
             f"{row['cn0_dbhz']:.1f}",
             str(row["receiver"]),
             _number(100.0 * row["share_on_signal"], "%", 0),
@@ -147,7 +142,9 @@ def _table(study: SampleStudy) -> Table:
             _number(row["position_over_sigma"], ""),
             _number(row["velocity_rms_mps"], "m/s"),
         )
-    return table
+        for row in study.summary.to_dict("records")
+    )
+    return text_table("errors from 5 s after the first fix on", heads, rows, left=("receiver",))
 
 
 def _number(value: float, unit: str, digits: int = 2) -> str:

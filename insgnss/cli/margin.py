@@ -21,7 +21,7 @@ from insgnss.cli.file_options import (
 )
 from insgnss.cli.margin_flown import flown_study
 from insgnss.cli.option_values import refuse_given
-from insgnss.cli.printing import AsJson, print_json, result_console
+from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.errors import ConfigError
 from insgnss.results.matplotlib_figure import save_figure
@@ -121,7 +121,8 @@ def margin(
 ) -> None:
     """Report the J/S that a phase loop withstands, and where along a run it loses lock."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, _inputs(run, emitters), output):
+    inputs = [] if run is None or emitters is None else [*run_files(run), Path(emitters)]
+    with own_errors_told(), overwriting(force, inputs, output):
         form = table_form(format)
         if run is None:
             refuse_given(context, ("step",), "without a run")
@@ -154,10 +155,6 @@ def margin(
         print_json({**answer, "wrote": [str(path) for path in written]})
         return
     tell_end(began, ", ".join(str(p) for p in written) or None)
-
-
-def _inputs(run: Path | None, emitters: str | None) -> list[Path]:
-    return [] if run is None or emitters is None else [*run_files(run), Path(emitters)]
 
 
 def _check_outputs(output: Path | None, *, drawn: bool, simulated: bool) -> None:
@@ -232,8 +229,6 @@ def _margin_table(
     loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None, rows: list[dict[str, Any]]
 ) -> Table:
     """Return the margin of each discriminator, and the gain of an oscillator or an INS without drift."""
-    from rich.table import Table
-
     total = sum(drifts.values())
     parts = ", ".join(f"{name} {value:.4g}" for name, value in drifts.items())
     first = next(iter(loops.values()))
@@ -241,25 +236,20 @@ def _margin_table(
         f"drift {total:.4g} rad²/s³ one-sided ({parts}); DF_c {first.bandwidth_hz / 1e6:.4g} MHz, "
         f"T {first.accumulation_s * 1e3:g} ms" + ("" if cn0 is None else f", C/N0 {cn0:g} dBHz")
     )
-    table = Table(title=title)
     alone = [f"J/S, {name} alone, dB" for name in drifts]
     names = ["discriminator", "C_A", "J/S, dB", "bandwidth, Hz", "least C/N0, dBHz", *alone]
     if "unaided_db" in rows[0]:
         names += ["J/S without INS, dB", "order"]
-    for name in names:
-        table.add_column(name, justify="left" if name == "discriminator" else "right")
-    for row in rows:
-        cells = [
-            f"{row['c_a']:.3f}",
-            f"{row['margin_db']:.2f}",
-            f"{row['bandwidth_hz']:.3f}",
-            f"{row['least_cn0_dbhz']:.2f}",
+    cells = (
+        (
+            *(row["discriminator"], f"{row['c_a']:.3f}", f"{row['margin_db']:.2f}"),
+            *(f"{row['bandwidth_hz']:.3f}", f"{row['least_cn0_dbhz']:.2f}"),
             *(f"{value:.2f}" for value in row["margin_alone_db"].values()),
-        ]
-        if "unaided_db" in row:
-            cells += [f"{row['unaided_db']:.2f}", str(row["unaided_order"])]
-        table.add_row(row["discriminator"], *cells)
-    return table
+            *((f"{row['unaided_db']:.2f}", str(row["unaided_order"])) if "unaided_db" in row else ()),
+        )
+        for row in rows
+    )
+    return text_table(title, names, cells, left=("discriminator",))
 
 
 def _margins(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from insgnss.cli.file_options import check_files
-from insgnss.cli.printing import records
+from insgnss.cli.printing import records, text_table
 from insgnss.cli.progress import telling
 from insgnss.results.saving import PICTURE_KIND
 
@@ -69,8 +69,6 @@ def flown_study(
 
 
 def _flown_table(study: FlownMargin) -> Table:
-    from rich.table import Table
-
     names = {
         "js_max_db": "largest J/S, dB",
         "reserve_unaided_min_db": "least reserve without aiding, dB",
@@ -78,11 +76,9 @@ def _flown_table(study: FlownMargin) -> Table:
         "reserve_aided_min_db": "least reserve with aiding, dB",
         "lock_aided_share": "in lock",
     }
-    table = Table(title="phase loops along the path, each the better of second and third order")
-    table.add_column("satellite")
-    for name in names.values():
-        table.add_column(name, justify="right")
-    for sv, row in study.summary().iterrows():
-        cells = [f"{row[n]:.1%}" if n.endswith("share") else f"{row[n]:.1f}" for n in names]
-        table.add_row(str(sv), *cells)
-    return table
+    rows = (
+        (str(sv), *(f"{row[n]:.1%}" if n.endswith("share") else f"{row[n]:.1f}" for n in names))
+        for sv, row in study.summary().iterrows()
+    )
+    title = "phase loops along the path, each the better of second and third order"
+    return text_table(title, ("satellite", *names.values()), rows, left=("satellite",))

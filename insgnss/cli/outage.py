@@ -11,7 +11,7 @@ from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile, Force, Pictures, StudyFolder, check_files, tell_end
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.option_values import names_in, refuse_given
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import STUDY_KIND, overwriting
@@ -163,9 +163,7 @@ def _print(study: OutageStudy) -> None:
 
 
 def _table(study: OutageStudy, against: str) -> Table:
-    from rich.table import Table
-
-    names = (
+    heads = (
         "since the loss, s",
         "windows",
         "50 %, m",
@@ -175,13 +173,11 @@ def _table(study: OutageStudy, against: str) -> Table:
         "sigma, m",
         "rms/sigma",
     )
-    table = Table(title=f"position against the {against}")
-    for name in names:
-        table.add_column(name, justify="right")
-    rows = study.percentiles
-    rows = rows[(rows["against"] == against) & (rows["measure"] == "position_m")]
-    step = max(len(rows) // _ROWS, 1)
-    for row in rows.iloc[::step].to_dict("records"):
-        numbers = (row[c] for c in ("p50", "p95", "max", "rms", "sd", "sd_ratio"))
-        table.add_row(f"{row['since_s']:g}", str(row["n"]), *(f"{value:.3f}" for value in numbers))
-    return table
+    all_rows = study.percentiles
+    all_rows = all_rows[(all_rows["against"] == against) & (all_rows["measure"] == "position_m")]
+    numbers = ("p50", "p95", "max", "rms", "sd", "sd_ratio")
+    rows = (
+        (f"{row['since_s']:g}", str(row["n"]), *(f"{row[name]:.3f}" for name in numbers))
+        for row in all_rows.iloc[:: max(len(all_rows) // _ROWS, 1)].to_dict("records")
+    )
+    return text_table(f"position against the {against}", heads, rows)

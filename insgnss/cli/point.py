@@ -18,7 +18,7 @@ from insgnss.cli.file_options import (
     tell_end,
 )
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
-from insgnss.cli.printing import AsJson, print_json, result_console
+from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import compiling, telling
 from insgnss.results.saving import overwriting
 
@@ -119,14 +119,8 @@ def _print_summary(console: Console, name: str, run: PointRun) -> None:
 
 def _count_table(run: PointRun) -> Table:
     """Return the number of epochs with each verdict, and of rows with each status."""
-    from rich.table import Table
-
-    table = Table(title="epochs and measurements")
-    table.add_column("")
-    table.add_column("position", justify="right")
-    table.add_column("velocity", justify="right")
-    for verdict, row in run.verdict_counts().iterrows():
-        table.add_row(str(verdict), *(str(int(count)) for count in row))
+    verdicts = ((str(name), *(str(int(n)) for n in row)) for name, row in run.verdict_counts().iterrows())
+    table = text_table("epochs and measurements", ("", "position", "velocity"), verdicts)
     table.add_section()
     for status, row in run.status_counts().iterrows():
         table.add_row(str(status), *(str(int(row.get(kind, 0))) for kind in ("pseudorange", "range_rate")))
@@ -135,14 +129,9 @@ def _count_table(run: PointRun) -> Table:
 
 def _error_table(run: PointRun) -> Table:
     """Return the errors of the trusted epochs against the reference."""
-    from rich.table import Table
-
-    table = Table(title="trusted epochs against reference")
-    for name in ("", "epochs", "50 %", "95 %", "largest"):
-        table.add_column(name, justify="left" if not name else "right")
-    summary = run.error_summary()
+    rows, summary = [], run.error_summary()
     for label, row in summary[summary["n"] > 0].iterrows():  # a reference may have no vertical velocity
         stem, _, unit = str(label).rpartition("_")
         sizes = (f"{row[name]:.3f}" for name in ("p50", "p95", "max"))
-        table.add_row(f"{stem}, {'m/s' if unit == 'mps' else unit}", str(int(row["n"])), *sizes)
-    return table
+        rows.append((f"{stem}, {'m/s' if unit == 'mps' else unit}", str(int(row["n"])), *sizes))
+    return text_table("trusted epochs against reference", ("", "epochs", "50 %", "95 %", "largest"), rows)

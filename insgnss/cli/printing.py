@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Container, Iterable
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
@@ -13,6 +14,7 @@ from insgnss.report.digest import without_nan
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
+    from rich.table import Table
 
 
 def result_console(width: int = 120, *, quiet: bool = False) -> Console:
@@ -20,6 +22,25 @@ def result_console(width: int = 120, *, quiet: bool = False) -> Console:
     from rich.console import Console  # late: a command that fails on its options does without the library
 
     return Console(file=sys.stdout, width=width, quiet=quiet, markup=False, emoji=False)
+
+
+def text_table(
+    title: str | None,
+    heads: Iterable[str],
+    rows: Iterable[Iterable[str]],
+    *,
+    left: Container[str] = ("",),
+    caption: str | None = None,
+) -> Table:
+    """Return a table of texts: the columns under the heads ``left`` stand to the left, the others to the right."""
+    from rich.table import Table
+
+    table = Table(title=title, caption=caption)
+    for head in heads:
+        table.add_column(head, justify="left" if head in left else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 AsJson: TypeAlias = Annotated[

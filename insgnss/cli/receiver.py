@@ -12,7 +12,7 @@ import typer
 from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files, tell_end
 from insgnss.cli.option_values import names_in, numbers_in, refuse_given
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.results.saving import STUDY_KIND, overwriting
 
@@ -187,9 +187,6 @@ def _oscillator(text: str) -> str | dict[str, float]:
 
 
 def _summary(table: pd.DataFrame) -> Table:
-    from rich.table import Table
-
-    shown = Table(title="errors (rms), of the runs that held lock")
     columns = {
         "C/N0, dBHz": "cn0_dbhz",
         "lost, share": "lost",
@@ -200,25 +197,22 @@ def _summary(table: pd.DataFrame) -> Table:
         "phase, rad": "phase_rad",
         "NEES (1)": "nees",
     }
-    for name in ("receiver", *columns, "bounds"):
-        shown.add_column(name, justify="left" if name == "receiver" else "right")
+    rows = []
     for row in table.to_dict("records"):
         bounds = f"{_number(row['nees_low'])} to {_number(row['nees_high'])}"
-        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in columns.values()), bounds)
-    return shown
+        rows.append((str(row["variant"]), *(_number(row[column]) for column in columns.values()), bounds))
+    title = "errors (rms), of the runs that held lock"
+    return text_table(title, ("receiver", *columns, "bounds"), rows, left=("receiver",))
 
 
 def _thresholds(table: pd.DataFrame) -> Table:
-    from rich.table import Table
-
     caption = "linear theory of aided channels: residual INS error of 0.06 m/s^2, whatever the IMU"
-    shown = Table(title="half of the runs lose lock", caption=caption)
-    for name in ("receiver", "C/N0, dBHz", "95 % from", "to", "J/S, dB", "linear theory, dBHz"):
-        shown.add_column(name, justify="left" if name == "receiver" else "right")
-    for row in table.to_dict("records"):
-        numbers = ("cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz")
-        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in numbers))
-    return shown
+    heads = ("receiver", "C/N0, dBHz", "95 % from", "to", "J/S, dB", "linear theory, dBHz")
+    numbers = ("cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz")
+    rows = (
+        (str(row["variant"]), *(_number(row[name]) for name in numbers)) for row in table.to_dict("records")
+    )
+    return text_table("half of the runs lose lock", heads, rows, left=("receiver",), caption=caption)
 
 
 def _number(value: object) -> str:

@@ -26,7 +26,7 @@ from insgnss.cli.file_options import (
 )
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.memory import give_back_what_is_freed
-from insgnss.cli.printing import AsJson, print_json, result_console
+from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import compiling, telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.log.flight import Flight
@@ -202,42 +202,30 @@ def _accuracy_table(run: Run) -> Table:
     if known_s is not None and run.errors is not None and not known_s <= run.errors["time_s"].max():
         known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f", from the heading known at {known_s:.1f} s"
-    table = Table(
-        title=f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
-    )
-    table.add_column("")
+    title = f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
+    rows: list[tuple[str, ...]] = []
     if run.errors is None or run.errors.empty:
-        for name in ("at start", "median", "at end"):
-            table.add_column(name, justify="right")
-        for name in [
-            c for c in run.nav.columns if c.startswith("sd_") and "bias" not in c and "clock" not in c
-        ]:
-            values = run.nav[name]
-            table.add_row(
-                _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
-            )
-        return table
-    summary = run.error_summary()
-    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "without slow errors"):
-        table.add_column(name, justify="right")
+        for name in run.nav.columns:
+            if name.startswith("sd_") and "bias" not in name and "clock" not in name:
+                values = run.nav[name]
+                shown = (values.iloc[0], values.median(), values.iloc[-1])
+                rows.append((_label(name[3:]), *(f"{value:.3f}" for value in shown)))
+        return text_table(title, ("", "at start", "median", "at end"), rows)
     columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_noise"]
-    for label, row in summary.iterrows():
+    for label, row in run.error_summary().iterrows():
         cells = [f"{value:.3f}" for value in row[columns]]
         has_slow = f"sd_slow_{label}" in run.nav
-        table.add_row(_label(str(label)), *cells[:-1], cells[-1] if has_slow else "")
-    return table
+        rows.append((_label(str(label)), *cells[:-1], cells[-1] if has_slow else ""))
+    heads = ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "without slow errors")
+    return text_table(title, ("", *heads), rows)
 
 
 def _measurement_table(run: Run) -> Table:
     """Return the ledger's totals and the normalised innovations of each kind."""
-    table = Table(title="measurements")
     kinds = list(run.measurements["kind"].cat.categories)
-    table.add_column("status")
-    for kind in kinds:
-        table.add_column(kind, justify="right")
     counts = run.status_counts()
-    for status, row in counts.iterrows():
-        table.add_row(str(status), *(str(row.get(kind, 0)) for kind in kinds))
+    rows = ((str(status), *(str(row.get(kind, 0)) for kind in kinds)) for status, row in counts.iterrows())
+    table = text_table("measurements", ("status", *kinds), rows, left=("status",))
     table.add_row("in the log", *(str(int(counts[kind].sum())) if kind in counts else "0" for kind in kinds))
     nis = run.nis_summary()
     if run.heading_known_s() is not None:

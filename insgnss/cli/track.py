@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.command_errors import own_errors_told
-from insgnss.cli.printing import AsJson, print_json, result_console
+from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
@@ -121,21 +121,19 @@ def _digest(
 
 def _print_result(simulation: ChannelSimulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
     """Print errors and those of the linear loop, lock and C/N0."""
-    from rich.table import Table
-
     from insgnss.tracking.trial import assess
 
     assessment = assess(simulation, history)
-    table = Table(title="errors after the first fifth of the time, of channels in lock")
-    for name in ("", "rms", "noise of the linear loop"):
-        table.add_column(name, justify="left" if not name else "right")
     degrees = [math.degrees(value) for value in (assessment.phase_rms_rad, assessment.phase_noise_rad)]
-    table.add_row("carrier phase", *(f"{value:.2f} deg" for value in degrees))
     metres = [value * C_MPS / chip_hz for value in (assessment.delay_rms_chips, assessment.delay_noise_chips)]
-    table.add_row("code delay", *(f"{value:.3f} m" for value in metres))
-    table.add_row("carrier frequency", f"{assessment.rate_rms_radps / (2.0 * math.pi):.3f} Hz", "")
+    rows = (
+        ("carrier phase", *(f"{value:.2f} deg" for value in degrees)),
+        ("code delay", *(f"{value:.3f} m" for value in metres)),
+        ("carrier frequency", f"{assessment.rate_rms_radps / (2.0 * math.pi):.3f} Hz", ""),
+    )
+    title = "errors after the first fifth of the time, of channels in lock"
     console = result_console(100)
-    console.print(table)
+    console.print(text_table(title, ("", "rms", "noise of the linear loop"), rows))
     console.print(
         f"true noise bandwidth {simulation.design.carrier.noise_bandwidth_hz():.3f} Hz, "
         f"slipped {assessment.slipped} of {assessment.channels} channels, phase lock {assessment.phase_lock:.3f}",

@@ -20,7 +20,7 @@ from insgnss.cli.file_options import (
     tell_end,
 )
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
-from insgnss.cli.printing import AsJson, print_json, records, result_console
+from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.results.saving import PICTURE_KIND, overwriting
@@ -102,16 +102,12 @@ def visibility(
 
 def _satellite_table(study: VisibilityStudy) -> Table:
     """Return, per satellite, the share of its time above the horizon's mask in each state."""
-    from rich.table import Table
-
-    table = Table(title="share of the time above the elevation mask")
-    names = ("satellite", "seen", "uncertain", "gain too low", "behind the airframe", "lowest gain, dBic")
-    for name in names:
-        table.add_column(name, justify="left" if name == "satellite" else "right")
-    for sv, row in _shares(study).iterrows():
-        cells = (f"{100.0 * share:.1f} %" for share in row.iloc[:-1])
-        table.add_row(str(sv), *cells, f"{row['lowest_gain_dbic']:.1f}")
-    return table
+    heads = ("satellite", "seen", "uncertain", "gain too low", "behind the airframe", "lowest gain, dBic")
+    rows = (
+        (str(sv), *(f"{100.0 * share:.1f} %" for share in row.iloc[:-1]), f"{row['lowest_gain_dbic']:.1f}")
+        for sv, row in _shares(study).iterrows()
+    )
+    return text_table("share of the time above the elevation mask", heads, rows, left=("satellite",))
 
 
 def _shares(study: VisibilityStudy) -> pd.DataFrame:

@@ -127,6 +127,16 @@ def log_ticks(values: Float64) -> dict[str, Any]:
     return {"tickvals": ticks, "ticktext": [f"{tick:g}".replace("e-0", "e-") for tick in ticks]}
 
 
+def lines(name: str, x: Any, y: Any, line: dict[str, Any], **more: Any) -> Trace:
+    """Return a line through points as they are given, packed or not."""
+    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": line, **more}
+
+
+def markers(name: str, x: Any, y: Any, marker: dict[str, Any], **more: Any) -> Trace:
+    """Return points as they are given, packed or not."""
+    return {"type": "scatter", "mode": "markers", "name": name, "x": x, "y": y, "marker": marker, **more}
+
+
 def line_trace(
     time_s: Float64,
     values: Float64,
@@ -140,15 +150,7 @@ def line_trace(
     """Return a line over time, thinned to ``at_most`` points with its envelope kept and broken at its gaps."""
     x, y = line(time_s, values, at_most, period)
     style = {"color": colour, "width": 1.5} | more.pop("line", {})
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": packed(x, double=True),
-        "y": packed(y),
-        "line": style,
-        **more,
-    }
+    return lines(name, packed(x, double=True), packed(y), style, **more)
 
 
 def band_trace(
@@ -169,32 +171,15 @@ def band_trace(
         below, above = envelope(low, at_most), envelope(high, at_most)[::-1]
         x += [t[below], t[above], t[below[:1]], np.array([np.nan])]
         y += [low[below], high[above], low[below[:1]], np.array([np.nan])]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "3 sigma",
-        "x": packed(np.concatenate(x), double=True),
-        "y": packed(np.concatenate(y)),
-        "line": {"width": 0},
-        "fill": "toself",
-        "fillcolor": translucent(colour, 0.22),
-        "showlegend": False,
-        "hoverinfo": "skip",
-    }
+    fill = {"fill": "toself", "fillcolor": translucent(colour, 0.22)}
+    ring = packed(np.concatenate(x), double=True), packed(np.concatenate(y))
+    return lines("3 sigma", *ring, {"width": 0}, **fill, showlegend=False, hoverinfo="skip")
 
 
 def marker_trace(time_s: Float64, values: Float64, name: str, colour: str, **more: Any) -> Trace:
     """Return points over time, without thinning."""
     marker = {"color": colour, "size": 3} | more.pop("marker", {})
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": packed(time_s, double=True),
-        "y": packed(values),
-        "marker": marker,
-        **more,
-    }
+    return markers(name, packed(time_s, double=True), packed(values), marker, **more)
 
 
 def translucent(colour: str, opacity: float) -> str:

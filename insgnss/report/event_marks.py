@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from insgnss.report.charts import PALETTE, Chart, Trace, packed
+from insgnss.report.charts import PALETTE, Chart, Trace, markers, packed
 from insgnss.report.html import Section
 from insgnss.report.sentences import QUIET
 from insgnss.runs.result import Run
@@ -65,22 +65,14 @@ def _line(time_s: float, colour: str) -> dict[str, Any]:
 
 def _marks(events: pd.DataFrame) -> Trace:
     words = [f"{row.kind}: {row.detail}" for row in events.itertuples()]
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "events",
-        "showlegend": False,
-        "x": packed(events["time_s"].to_numpy(), double=True),
-        "y": packed([0.97] * len(events)),
-        "yaxis": _AXIS.replace("axis", ""),
-        "marker": {
-            "symbol": "triangle-down",
-            "size": 9,
-            "color": [_colour(quiet) for quiet in events["quiet"]],
-        },
+    x, y = packed(events["time_s"].to_numpy(), double=True), packed([0.97] * len(events))
+    colours = [_colour(quiet) for quiet in events["quiet"]]
+    marker = {"symbol": "triangle-down", "size": 9, "color": colours}
+    hover = {
         "text": [_for_hover(text) for text in words],
         "hovertemplate": "%{x:.2f} s: %{text}<extra></extra>",
     }
+    return markers("events", x, y, marker, **hover, yaxis=_AXIS.replace("axis", ""), showlegend=False)
 
 
 def _for_hover(words: str) -> str:

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_MS
 from insgnss.gnss import sidereon_on_demand as sidereon
@@ -58,20 +59,26 @@ _LONGEST_LOCK_S: Final = 937
 _LEGACY_RANK: Final = 0  # below the kinds of MSM: of a signal sent twice the finer one counts
 
 
+class RtcmRow(NamedTuple):
+    """One observation of a signal; missing numbers are NaN."""
+
+    t_ns: int
+    sv: str
+    code: str
+    station: int
+    rank: int  # by which one of several of a signal counts: the kind of MSM
+    range_m: float
+    phase_m: float
+    rate_mps: float
+    cn0: float
+    lli: int
+
+
 @dataclass
 class RtcmObservations:
-    """All observations of a stream as they come, a list for each column."""
+    """All observations of a stream as they come."""
 
-    t_ns: list[int] = field(default_factory=list)
-    sv: list[str] = field(default_factory=list)
-    code: list[str] = field(default_factory=list)
-    range_m: list[float] = field(default_factory=list)
-    phase_m: list[float] = field(default_factory=list)
-    rate_mps: list[float] = field(default_factory=list)
-    cn0: list[float] = field(default_factory=list)
-    lli: list[int] = field(default_factory=list)
-    rank: list[int] = field(default_factory=list)
-    station: list[int] = field(default_factory=list)
+    rows: list[RtcmRow] = field(default_factory=list)
     channels: dict[str, int] = field(default_factory=dict)
     unknown: Counter[str] = field(default_factory=Counter)
     trackers: dict[int, Any] = field(default_factory=dict)  # of the locks, for each station
@@ -80,7 +87,11 @@ class RtcmObservations:
     @property
     def first_ns(self) -> int:
         """GPS time of the first epoch."""
-        return self.t_ns[0] if self.t_ns else 0
+        return self.rows[0].t_ns if self.rows else 0
+
+    def column(self, name: str, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+        """Return a field of all rows."""
+        return np.array([getattr(row, name) for row in self.rows], dtype)
 
     def add(self, message: Any, times: EpochTimes) -> None:
         """Take one observation message."""
@@ -116,34 +127,15 @@ class RtcmObservations:
                 phase is not None and phase != no_phase,
             )
             has_rate = rate is not None and rate != _NO_FINE_RATE
-            self._row(
-                (t_ns, sv, "C" + suffix, header.reference_station_id, kind),
-                _M_PER_MS * (rough_ms + fine * code_ms) if has_code else np.nan,
-                _M_PER_MS * (rough_ms + phase * phase_ms) if has_phase else np.nan,
-                rough_mps + rate * 1e-4 if has_rate else np.nan,
-                cell.cnr * cn0_db if cell.cnr else np.nan,
-                locks.get((cell.satellite_id, cell.signal_id), 0) if has_phase else 0,
+            row = RtcmRow(
+                *(t_ns, sv, "C" + suffix, header.reference_station_id, kind),
+                range_m=_M_PER_MS * (rough_ms + fine * code_ms) if has_code else np.nan,
+                phase_m=_M_PER_MS * (rough_ms + phase * phase_ms) if has_phase else np.nan,
+                rate_mps=rough_mps + rate * 1e-4 if has_rate else np.nan,
+                cn0=cell.cnr * cn0_db if cell.cnr else np.nan,
+                lli=locks.get((cell.satellite_id, cell.signal_id), 0) if has_phase else 0,
             )
-
-    def _row(
-        self,
-        key: tuple[int, str, str, int, int],
-        range_m: float,
-        phase_m: float,
-        rate_mps: float,
-        cn0: float,
-        lli: int,
-    ) -> None:
-        """Add a row; ``key`` is time, satellite, code, station and rank."""
-        t_ns, sv, code, station, rank = key
-        for column, value in zip(
-            (self.t_ns, self.sv, self.code, self.range_m, self.phase_m, self.rate_mps, self.cn0, self.lli),
-            (t_ns, sv, code, range_m, phase_m, rate_mps, cn0, lli),
-            strict=True,
-        ):
-            column.append(value)  # type: ignore[attr-defined]
-        self.rank.append(rank)
-        self.station.append(station)
+            self.rows.append(row)
 
     def _add_legacy(self, seen: Any, times: EpochTimes) -> None:
         system = LEGACY[seen.message_number]
@@ -173,7 +165,8 @@ class RtcmObservations:
                 lli = self._legacy_lli((station, sv, code), t_ns, band.lock_time_indicator)
                 phase_m = range_m + phase * 0.0005 if phase != _NO_PHASE else np.nan
                 cn0 = band.cnr * 0.25 if band.cnr else np.nan
-                self._row((t_ns, sv, code, station, _LEGACY_RANK), range_m + off_m, phase_m, np.nan, cn0, lli)
+                key, rank = (t_ns, sv, code, station), _LEGACY_RANK
+                self.rows.append(RtcmRow(*key, rank, range_m + off_m, phase_m, np.nan, cn0, lli))
 
     def _legacy_lli(self, track: tuple[int, str, str], t_ns: int, indicator: int) -> int:
         """Return 1 where the lock has not lasted since the track's row before."""
@@ -226,8 +219,8 @@ def observation_table(
     """
     known = channels | cells.channels
     rows, events = _chosen(cells, file)
-    sv_names, sv = np.unique(np.array(cells.sv, "U3"), return_inverse=True)
-    codes, code = np.unique(np.array(cells.code, "U3"), return_inverse=True)
+    sv_names, sv = np.unique(cells.column("sv", "U3"), return_inverse=True)
+    codes, code = np.unique(cells.column("code", "U3"), return_inverse=True)
     carriers = np.array(
         [
             # those of SBAS are GPS's
@@ -236,13 +229,11 @@ def observation_table(
         ]
     ).reshape(len(sv_names), len(codes))
     hz = carriers[sv, code][rows] if len(rows) else np.zeros(0)
-    columns = {
-        name: np.array(getattr(cells, name), np.float64)[rows]
-        for name in ("range_m", "phase_m", "rate_mps", "cn0")
-    }
+    names = ("range_m", "phase_m", "rate_mps", "cn0")
+    columns = {name: cells.column(name, np.float64)[rows] for name in names}
     rates = columns["rate_mps"]
     cycles = columns["phase_m"] * hz / C_MPS
-    legacy = np.array(cells.rank, np.int64)[rows] == _LEGACY_RANK
+    legacy = cells.column("rank", np.int64)[rows] == _LEGACY_RANK
     track = sv[rows] * len(codes) + code[rows]
     if legacy.any():
         cycles = _unwrapped(cycles, columns["range_m"] * hz / C_MPS, np.where(legacy, track, -1))
@@ -250,7 +241,7 @@ def observation_table(
     what = "row(s) without carrier phase and Doppler: channel or carrier not known"
     events += counted("rtcm_carrier_unknown", lost, what, file)
     table = GnssTable(
-        np.array(cells.t_ns, np.int64)[rows],
+        cells.column("t_ns", np.int64)[rows],
         sv[rows].astype(np.int16),
         code[rows].astype(np.int16),
         columns["range_m"],
@@ -260,7 +251,7 @@ def observation_table(
         tuple(map(str, sv_names)),
         tuple(map(str, codes)),
         carrier_cycles=cycles,
-        lli=np.where(np.isfinite(cycles), np.array(cells.lli, np.int64)[rows], 0).astype(np.int8),
+        lli=np.where(np.isfinite(cycles), cells.column("lli", np.int64)[rows], 0).astype(np.int8),
         glonass_channels={sv: k for sv, k in known.items() if sv in sv_names},
     )
     return table, events
@@ -272,16 +263,17 @@ def _chosen(
     """Return the rows that are used, sorted by epoch, satellite and signal, and the events of the others."""
     unknown = {f"of {what}": count for what, count in cells.unknown.most_common(10)}
     events = listed("rtcm_signal_unknown", "observations left out", unknown, file)
-    stations = Counter(cells.station)
+    stations = Counter(row.station for row in cells.rows)
     own = stations.most_common(1)[0][0] if stations else 0
     if len(stations) > 1:
         others = {f"of {number}": count for number, count in sorted(stations.items()) if number != own}
         what = f"observations of station {own} are used; those of others left out"
         events += listed("rtcm_other_station", what, others, file)
-    has_value = np.isfinite(np.array(cells.range_m)) | np.isfinite(np.array(cells.rate_mps))
-    rows = np.flatnonzero((np.array(cells.station) == own) & has_value).astype(np.int64)
-    t_ns, rank = np.array(cells.t_ns, np.int64)[rows], np.array(cells.rank)[rows]
-    sv, code = np.array(cells.sv, "U3")[rows], np.array(cells.code, "U3")[rows]
+    range_m, rate_mps = (cells.column(name, np.float64) for name in ("range_m", "rate_mps"))
+    has_value = np.isfinite(range_m) | np.isfinite(rate_mps)
+    rows = np.flatnonzero((cells.column("station", np.int64) == own) & has_value).astype(np.int64)
+    t_ns, rank = (cells.column(name, np.int64)[rows] for name in ("t_ns", "rank"))
+    sv, code = (cells.column(name, "U3")[rows] for name in ("sv", "code"))
     order = np.lexsort((-rank, code, sv, t_ns))
     again = np.zeros(len(rows), np.bool_)
     if len(rows):

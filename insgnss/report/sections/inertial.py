@@ -7,7 +7,17 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import Chart, ChartRows, Trace, colour_of, log_ticks, packed, translucent, unpacked
+from insgnss.report.charts import (
+    Chart,
+    ChartRows,
+    Trace,
+    colour_of,
+    lines,
+    log_ticks,
+    packed,
+    translucent,
+    unpacked,
+)
 from insgnss.report.html import Section
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
@@ -43,19 +53,11 @@ def _over_time(table: pd.DataFrame) -> Chart:
 def _between(time_s: Float64, low: Float64, high: Float64, words: str, place: int, named: bool) -> Trace:
     """Return the area between two lines over time, as wide as a line where they are one."""
     colour = colour_of(place)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": words,
-        "legendgroup": words,
-        "showlegend": named,
-        "x": packed(np.concatenate([time_s, time_s[::-1]]), double=True),
-        "y": packed(np.concatenate([low, high[::-1]])),
-        "line": {"color": colour, "width": 1},
-        "fill": "toself",
-        "fillcolor": translucent(colour, 0.5),
-        "hoverinfo": "skip",
-    }
+    x = packed(np.concatenate([time_s, time_s[::-1]]), double=True)
+    y = packed(np.concatenate([low, high[::-1]]))
+    more = {"legendgroup": words, "showlegend": named, "hoverinfo": "skip"}
+    more |= {"fill": "toself", "fillcolor": translucent(colour, 0.5)}
+    return lines(words, x, y, {"color": colour, "width": 1}, **more)
 
 
 def _spectrum(table: pd.DataFrame) -> Chart:
@@ -66,20 +68,10 @@ def _spectrum(table: pd.DataFrame) -> Chart:
     for row, (sensor, unit, _) in enumerate(_SENSORS):
         for place, (axis, words) in enumerate(_AXES):
             values = table[f"{sensor}_{axis}_{unit}_per_sqrt_hz"].to_numpy()
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "name": words,
-                    "legendgroup": words,
-                    "showlegend": row == 0,
-                    "x": frequency,
-                    "y": packed(np.where(values > 0.0, values, np.nan)),
-                    "line": {"color": colour_of(place), "width": 1},
-                    "xaxis": "x",
-                    "yaxis": "y" if row == 0 else "y2",
-                }
-            )
+            y, style = packed(np.where(values > 0.0, values, np.nan)), {"color": colour_of(place), "width": 1}
+            axes = {"xaxis": "x", "yaxis": "y" if row == 0 else "y2"}
+            more = {"legendgroup": words, "showlegend": row == 0, **axes}
+            traces.append(lines(words, frequency, y, style, **more))
     layout = {
         "xaxis": _log("frequency, Hz", frequency_hz, anchor="y2"),
         "yaxis": _log("gyro, °/s/√Hz", _drawn(traces, "y"), domain=[0.53, 1.0]),

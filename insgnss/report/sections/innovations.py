@@ -15,7 +15,9 @@ from insgnss.report.charts import (
     ChartRows,
     Trace,
     colour_of,
+    lines,
     marker_trace,
+    markers,
     packed,
     symbol_of,
     translucent,
@@ -144,37 +146,21 @@ def _add(
 
 
 def _level(time_s: Float64, value: float) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "95 % bound",
-        "x": [float(time_s.min()), float(time_s.max())],
-        "y": [value, value],
-        "line": {"color": PALETTE[6], "width": 1, "dash": "dash"},
-        "showlegend": False,
-        "hoverinfo": "skip",
-    }
+    ends, style = (
+        [float(time_s.min()), float(time_s.max())],
+        {"color": PALETTE[6], "width": 1, "dash": "dash"},
+    )
+    return lines("95 % bound", ends, [value, value], style, showlegend=False, hoverinfo="skip")
 
 
 def _histogram(used: pd.DataFrame, kind: str, words: str) -> Chart:
     middle, density = histogram((used["innovation"] / used["sd_innovation"]).to_numpy())
     bell = np.linspace(-_SHOWN, _SHOWN, 121)
+    normal = packed(np.exp(-0.5 * bell**2) / np.sqrt(2.0 * np.pi))
+    bars = {"type": "bar", "name": "innovations used", "x": packed(middle), "y": packed(density)}
     traces: list[Trace] = [
-        {
-            "type": "bar",
-            "name": "innovations used",
-            "x": packed(middle),
-            "y": packed(density),
-            "marker": {"color": PALETTE[5]},
-        },
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": "standard normal",
-            "x": packed(bell),
-            "y": packed(np.exp(-0.5 * bell**2) / np.sqrt(2.0 * np.pi)),
-            "line": {"color": PALETTE[1], "width": 2},
-        },
+        bars | {"marker": {"color": PALETTE[5]}},
+        lines("standard normal", packed(bell), normal, {"color": PALETTE[1], "width": 2}),
     ]
     layout = {"bargap": 0, "xaxis": {"title": {"text": "innovation / sigma"}}}
     layout |= {"yaxis": {"title": {"text": "density"}}}
@@ -202,17 +188,12 @@ def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
         "marker": {"color": translucent(PALETTE[6], 0.45)},
         "hoverinfo": "skip",
     }
-    trace: Trace = {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "mean NIS",
-        "x": names,
-        "y": packed(means.to_numpy()),
-        "marker": {"color": colours, "size": 10},
+    hover = {
         "text": [f"{n} values" for n in counts],
         "hovertemplate": "%{x}: %{y:.2f}, %{text}<extra></extra>",
-        "showlegend": False,
     }
+    style = {"color": colours, "size": 10}
+    trace = markers("mean NIS", names, packed(means.to_numpy()), style, **hover, showlegend=False)
     layout = {
         "xaxis": {"type": "category", "title": {"text": "satellite"}},
         "yaxis": {"title": {"text": "mean NIS"}, "rangemode": "tozero", "zeroline": True},

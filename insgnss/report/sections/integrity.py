@@ -14,6 +14,7 @@ from insgnss.report.charts import (
     Trace,
     colour_of,
     line_trace,
+    lines,
     log_ticks,
     marker_trace,
     packed,
@@ -91,13 +92,8 @@ def _diagram(errors: pd.DataFrame) -> Chart:
     values = np.concatenate(drawn)
     values = values[np.isfinite(values)]
     ends = np.array([values.min(), values.max()])
-    diagonal = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "error = level",
-        "line": {"dash": "dot", "width": 1},
-    }
-    traces.append({**diagonal, "x": packed(ends, double=True), "y": packed(ends)})
+    dotted = {"dash": "dot", "width": 1}
+    traces.append(lines("error = level", packed(ends, double=True), packed(ends), dotted))
     axis = {"type": "log", **log_ticks(values)}
     layout = {
         "xaxis": {"title": {"text": "error, m"}, **axis},

@@ -8,7 +8,17 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import union_categoricals
 
-from insgnss.report.charts import PALETTE, TIME_AXIS, Chart, ChartRows, Trace, colour_of, line_trace, packed
+from insgnss.report.charts import (
+    PALETTE,
+    TIME_AXIS,
+    Chart,
+    ChartRows,
+    Trace,
+    colour_of,
+    line_trace,
+    lines,
+    packed,
+)
 from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
@@ -144,12 +154,7 @@ def _state_trace(
     x[0::3] = first + width * (cells[starts] % n_columns)
     x[1::3] = first + width * (cells[ends] % n_columns + 1)
     x[2::3] = x[1::3]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": state.replace("_", " "),
-        "x": packed(x, double=True),
-        "y": [name for sat in row.tolist() for name in (present[sat], present[sat], None)],
-        "line": {"color": state_colour(state), "width": 9},
-        "hovertemplate": f"%{{y}}: {state}<br>%{{x:.2f}} s<extra></extra>",
-    }
+    y = [name for sat in row.tolist() for name in (present[sat], present[sat], None)]
+    hover = f"%{{y}}: {state}<br>%{{x:.2f}} s<extra></extra>"
+    style = {"color": state_colour(state), "width": 9}
+    return lines(state.replace("_", " "), packed(x, double=True), y, style, hovertemplate=hover)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
-from insgnss.report.charts import PALETTE, Chart, Trace, packed
+from insgnss.report.charts import PALETTE, Chart, Trace, lines, markers, packed
 from insgnss.report.epochs import used_at
 from insgnss.report.html import Section
 from insgnss.report.thinning import envelope
@@ -78,18 +78,10 @@ def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, poi
     marker = {"size": 5, "color": packed(sigma[points]), "cmin": _low(sigma), "cmax": _high(sigma)}
     marker |= {"colorscale": "Viridis", "showscale": True}
     marker |= {"colorbar": {"title": {"text": "sigma, m"}, "thickness": 12, "len": 0.8}}
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "track",
-        "showlegend": False,
-        "x": packed(east[points]),
-        "y": packed(north[points]),
-        "marker": marker,
-        "customdata": packed(place, double=True),
-        "hovertemplate": "%{customdata[0]:.7f}°, %{customdata[1]:.7f}°<br>%{customdata[2]:.2f} s"
-        "<br>%{marker.color:.3g}<extra></extra>",
-    }
+    where, when = "%{customdata[0]:.7f}°, %{customdata[1]:.7f}°", "%{customdata[2]:.2f} s"
+    hover = f"{where}<br>{when}<br>%{{marker.color:.3g}}<extra></extra>"
+    more = {"showlegend": False, "customdata": packed(place, double=True), "hovertemplate": hover}
+    return markers("track", packed(east[points]), packed(north[points]), marker, **more)
 
 
 def _over_tiles(nav: pd.DataFrame) -> Chart:
@@ -128,30 +120,16 @@ def _reference(run: Run, east: Float64, north: Float64, scale: float) -> list[Tr
     y = north[at] - scale * run.errors["d_n_m"].to_numpy()
     points = envelope(np.column_stack([x, y]), _POINTS)
     line = {"color": PALETTE[6], "width": 1}
-    return [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": "reference",
-            "x": packed(x[points]),
-            "y": packed(y[points]),
-            "line": line,
-            "hoverinfo": "skip",
-        }
-    ]
+    return [lines("reference", packed(x[points]), packed(y[points]), line, hoverinfo="skip")]
 
 
 def _ends(east: Float64, north: Float64) -> list[Trace]:
     return [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": name,
-            "x": [float(east[row])],
-            "y": [float(north[row])],
-            "marker": {"size": 12, "symbol": symbol, "color": colour},
-            "hoverinfo": "name",
-        }
+        markers(
+            *(name, [float(east[row])], [float(north[row])]),
+            {"size": 12, "symbol": symbol, "color": colour},
+            hoverinfo="name",
+        )
         for name, row, symbol, colour in (
             ("start", 0, "triangle-up", PALETTE[2]),
             ("end", -1, "square", PALETTE[1]),
