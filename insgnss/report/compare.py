@@ -12,7 +12,7 @@ import pandas as pd
 
 from insgnss.errors import ResultError
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.report.charts import Chart, ChartRows, colour_of, line_trace
+from insgnss.report.charts import ChartRows, colour_of, line_trace
 from insgnss.report.digest import digest, without_nan
 from insgnss.report.html import Section, page, paragraphs, table, text, write
 from insgnss.report.labels import label, row_of_numbers
@@ -130,7 +130,11 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
     week = gps_week(base)
     reference = trajectory_of(base.nav, week)
     differences = {}
-    shifts = {name: _shift_s(run, week) for name, run in runs.items()}
+    # what added to a run's times gives seconds of the GPS week that the comparison counts from
+    begin_ns = week_seconds_to_ns(week, 0.0)
+    shifts = {
+        name: float(week_seconds_to_ns(gps_week(run), 0.0) - begin_ns) * 1e-9 for name, run in runs.items()
+    }
     for name in others:
         nav = runs[name].nav
         errors = errors_against(nav.assign(time_s=nav["time_s"] + shifts[name]), reference, week, None)
@@ -141,11 +145,6 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
         differences[name] = errors.drop(columns="quality")
     span = _common_span(runs, shifts)
     return Comparison(runs, differences, _statistics(runs, shifts, differences, span), span)
-
-
-def _shift_s(run: Run, week: int) -> float:
-    """Return what added to a run's times gives seconds of the GPS week that the comparison counts from."""
-    return float(week_seconds_to_ns(gps_week(run), 0.0) - week_seconds_to_ns(week, 0.0)) * 1e-9
 
 
 def _common_span(runs: Mapping[str, Run], shifts: Mapping[str, float]) -> ComparedSpan:
@@ -171,8 +170,14 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     ResultError : the file cannot be written
     """
     names = list(comparison.differences)
-    charts = [_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
-    sigmas = [_sigma_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
+    navs = {name: run.nav for name, run in comparison.runs.items()}
+    charts, sigmas = [], []
+    for group, _, columns in SIGMA_GROUPS:
+        drawn = _rows(comparison.differences, "d_", columns)
+        charts.append(drawn.chart(f"chart-difference-{group}", f"Difference in {group}", row_px=150))
+        drawn = _rows(navs, "sd_", columns)
+        drawn.kinds |= dict.fromkeys(range(len(columns)), "log")
+        sigmas.append(drawn.chart(f"chart-sigma-{group}", f"One sigma of {group}", row_px=130))
     sentences = [f"'{name}' is compared with '{comparison.first}'." for name in names]
     sentences += [f"'{name}': {name_of(run)}, {len(run.nav)} rows." for name, run in comparison.runs.items()]
     sections = [
@@ -239,25 +244,13 @@ def _statistics_table(comparison: Comparison) -> str:
     return about + table(head, rows)
 
 
-def _chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
+def _rows(tables: Mapping[str, pd.DataFrame], prefix: str, columns: tuple[str, ...]) -> ChartRows:
+    """Return a row for each column, with a line for each table."""
     rows = ChartRows([label(column).axis() for column in columns])
-    for place, (name, table_) in enumerate(comparison.differences.items()):
+    for place, (name, table_) in enumerate(tables.items()):
         time_s = table_["time_s"].to_numpy()
         for row, column in enumerate(columns):
             more: dict[str, Any] = {"legendgroup": name, "showlegend": row == 0}
-            rows.add(
-                row, line_trace(time_s, table_[f"d_{column}"].to_numpy(), name, colour_of(place), **more)
-            )
-    return rows.chart(f"chart-difference-{group}", f"Difference in {group}", row_px=150)
-
-
-def _sigma_chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
-    rows = ChartRows([label(column).axis() for column in columns])
-    for place, (name, run) in enumerate(comparison.runs.items()):
-        time_s = run.nav["time_s"].to_numpy()
-        for row, column in enumerate(columns):
-            more: dict[str, Any] = {"legendgroup": name, "showlegend": row == 0}
-            rows.kinds[row] = "log"
-            values = run.nav[f"sd_{column}"].to_numpy()
+            values = table_[f"{prefix}{column}"].to_numpy()
             rows.add(row, line_trace(time_s, values, name, colour_of(place), **more))
-    return rows.chart(f"chart-sigma-{group}", f"One sigma of {group}", row_px=130)
+    return rows

@@ -119,7 +119,10 @@ def _write(document: tomlkit.TOMLDocument, proposal: Proposal) -> None:
             table[name] = tomlkit.table()
         table = table[name]
     value = list(proposal.value) if isinstance(proposal.value, tuple) else proposal.value
-    former = f", was {_one_line(_plain(table[last]))}" if last in table else ", was not given"
+    former = ", was not given"
+    if last in table:
+        there = table[last].unwrap() if hasattr(table[last], "unwrap") else table[last]
+        former = f", was {_one_line(str(tomlkit.item(there).as_string()))}"
     item = tomlkit.item(value)
     item.comment(f"corrected{former}: {_one_line(proposal.why)}")
     _set(table, last, item, at_top=not parents)
@@ -132,10 +135,6 @@ def _set(table: MutableMapping[str, Any], key: str, item: Item, *, at_top: bool)
         table[key] = item
     else:  # behind the tables a key of the file's top would belong to the last of them
         raise ConfigError("the key is missing", key=key, advice="give it at the top of the file")
-
-
-def _plain(value: Any) -> str:
-    return str(tomlkit.item(value.unwrap() if hasattr(value, "unwrap") else value).as_string()).strip()
 
 
 def _one_line(text: str) -> str:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.config.flight import ImuConfig
 from insgnss.log.flight import Flight
 from insgnss.log.imu.axes import mounting_matrix, signed_permutation
 from insgnss.log.imu.csv_log import inertial, read_imu_as_logged
@@ -46,12 +45,8 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration
         own = ImuTable(logged.t_ns, logged.w_ib_b @ C_bs.T, logged.f_b @ C_bs.T)
     else:
         own = ImuTable(imu.t_ns, imu.w_ib_b @ gyro, imu.f_b @ accel)
-    units = _gyro_units(config)
+    # the declared unit and the other one of its kind
+    now, other = ("rad", "deg") if config.gyro_unit.startswith("rad") else ("deg", "rad")
+    units = config.gyro_unit, config.gyro_unit.replace(now, other)
     factors = tuple(SI_PER_UNIT[unit] / SI_PER_UNIT[config.gyro_unit] for unit in units)
     return AxesDeclaration(own, accel, gyro, turned, factors, units)
-
-
-def _gyro_units(config: ImuConfig) -> tuple[str, ...]:
-    """Return the declared unit and the other one of its kind."""
-    now, other = ("rad", "deg") if config.gyro_unit.startswith("rad") else ("deg", "rad")
-    return config.gyro_unit, config.gyro_unit.replace(now, other)

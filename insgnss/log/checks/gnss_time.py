@@ -63,7 +63,13 @@ def gnss_time_findings(
     sure = "sure: no other shift does"
     if len(shifts) > 1 and imu is not None:
         leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
-        shifts = [shift for shift in shifts if _overlaps(gnss, imu, shift.seconds(leap))]
+        first_ns, last_ns = (int(t) for t in gnss.t_ns[[0, -1]])
+        added_ns = [shift.seconds(leap) * NS_PER_S for shift in shifts]
+        shifts = [
+            shift
+            for shift, added in zip(shifts, added_ns, strict=True)
+            if first_ns + added <= imu.t_ns[-1] and imu.t_ns[0] <= last_ns + added
+        ]
         sure = "likely: of several shifts the one that makes the logs overlap"
     if len(shifts) == 1:
         return [_finding(flight, shifts[0], gnss, sure)]
@@ -92,11 +98,6 @@ def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:
     return np.bincount(pairs // len(gnss.sv_names), minlength=len(starts) - 1)
 
 
-def _overlaps(gnss: GnssTable, imu: ImuTable, shift_s: int) -> bool:
-    shift_ns = shift_s * NS_PER_S
-    return bool(gnss.t_ns[0] + shift_ns <= imu.t_ns[-1] and imu.t_ns[0] <= gnss.t_ns[-1] + shift_ns)
-
-
 def _sample(gnss: GnssTable, enough: Int64) -> GnssTable:
     """Return some of the epochs that have satellites enough, spread over the log."""
     _, starts = epochs(gnss)
@@ -116,15 +117,14 @@ def _fitting(solve: Solve, sample: GnssTable, navigation: NavigationData) -> lis
         [_Shift(weeks, h, leaps) for h in hours for leaps in (1, -1)],
     ]
     for group in groups:
-        shifts = [shift for shift in group if _agrees(solve, sample, shift.seconds(leap))]
+        shifts = []
+        for shift in group:
+            shifted = replace(sample, t_ns=sample.t_ns + shift.seconds(leap) * NS_PER_S)
+            if solved_share(solve, shifted, tested=True) >= AGREEING:
+                shifts.append(shift)
         if shifts:
             return shifts
     return []
-
-
-def _agrees(solve: Solve, sample: GnssTable, shift_s: int) -> bool:
-    shifted = replace(sample, t_ns=sample.t_ns + shift_s * NS_PER_S)
-    return solved_share(solve, shifted, tested=True) >= AGREEING
 
 
 def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:

@@ -110,7 +110,12 @@ def time_proposals(
         else:
             why = "the tags are off by the leap seconds"
             proposals.append(Proposal("imu.time.scale", scale, why))
-    if weeks and _week_is_of_the_imu_alone(config):
+    # the week is that of the inertial log alone
+    if (
+        weeks
+        and inertial(config).counts_in_gps_week
+        and not (config.gnss.format == "csv" and config.gnss.counts_in_gps_week)
+    ):
         why = "the IMU tags are whole weeks off the GNSS log, which states its week"
         proposals.append(Proposal("gps_week", config.gps_week + weeks, why))
         added -= weeks * S_PER_WEEK
@@ -125,11 +130,6 @@ def scale_for(time: TimeScale, leap_s: int) -> str | None:
     if leap_s > 0 and time.scale == "gps":
         return "utc"
     return "gps" if leap_s < 0 and time.scale == "utc" and time.leap_seconds is None else None
-
-
-def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:
-    own_week = config.gnss.format != "csv" or not config.gnss.counts_in_gps_week
-    return inertial(config).counts_in_gps_week and own_week
 
 
 def overlapping_shifts(imu_ns: tuple[int, int], gnss_ns: tuple[int, int]) -> list[int]:

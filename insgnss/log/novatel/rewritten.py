@@ -39,11 +39,6 @@ def _is_sound(match: re.Match[bytes]) -> bool:
     return check_sum(match[1]) == int(match[2], 16)
 
 
-def _with_line_ends(data: bytes) -> bytes:
-    """Return the data with the line end behind each ASCII message that the library waits for, CR and LF."""
-    return _SOUND.sub(lambda match: match[0].rstrip() + b"\r\n" if _is_sound(match) else match[0], data)
-
-
 def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
     """Return the file's messages with those that the library turns into binary ones, and those it cannot.
 
@@ -56,7 +51,11 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
     needed = _needed(frames)
     if not needed:
         return frames, []
-    given = _with_line_ends(_left_to_the_library(frames))
+    # behind each ASCII message the line end that the library waits for, CR and LF
+    given = _SOUND.sub(
+        lambda match: match[0].rstrip() + b"\r\n" if _is_sound(match) else match[0],
+        _left_to_the_library(frames),
+    )
     limit_s = 60.0 + len(given) / _BYTES_PER_S
     try:
         ended = subprocess.run(

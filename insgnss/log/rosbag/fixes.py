@@ -45,10 +45,18 @@ def fixes(topic: Topic, beside: Topic | None, events: list[Event]) -> tuple[Refe
         return None, False
     own = topic.kind == GPSFIX
     sigma = np.full((len(messages), 9), np.nan)
-    sigma[:, :3] = _covariances(messages)
+    covariance = np.array([list(m.position_covariance) for _, m in messages], np.float64)
+    known = np.array([m.position_covariance_type > 0 for _, m in messages])
+    variance = covariance[:, [4, 0, 8]]  # east, north, up on the diagonal
+    sigma[:, :3] = stated_sigmas(np.sqrt(np.where(known[:, None] & (variance > 0.0), variance, np.nan)))
     velocity, inertial = np.full(place.shape, np.nan), False
     if own:
-        sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), _errors_of_place(messages), sigma[:, :3])
+        across, upright = (
+            _column(messages, "err_horz") / _RADIUS_95,
+            _column(messages, "err_vert") / _HALF_WIDTH_95,
+        )
+        errors = stated_sigmas(np.column_stack([across, across, upright]))
+        sigma[:, :3] = np.where(np.isnan(sigma[:, :3]), errors, sigma[:, :3])
         velocity, sigma[:, 3:6] = _velocities(messages)
         inertial = _is_inertial(messages)
     elif beside is not None:
@@ -61,20 +69,6 @@ def fixes(topic: Topic, beside: Topic | None, events: list[Event]) -> tuple[Refe
         source += f" with the velocities of {beside.name}"
     events.append(not_independent(source))
     return own_reference(t_ns[rows], place[rows], sigma[rows], velocity=velocity[rows]), inertial
-
-
-def _covariances(messages: Decoded) -> Float64:
-    """Return the sigmas (n, 3) of the places, north, east, down, NaN where no covariance states them."""
-    covariance = np.array([list(m.position_covariance) for _, m in messages], np.float64)
-    known = np.array([m.position_covariance_type > 0 for _, m in messages])
-    variance = covariance[:, [4, 0, 8]]  # east, north, up on the diagonal
-    return stated_sigmas(np.sqrt(np.where(known[:, None] & (variance > 0.0), variance, np.nan)))
-
-
-def _errors_of_place(messages: Decoded) -> Float64:
-    """Return the sigmas (n, 3) of the places by GPSFix's horizontal and vertical errors."""
-    across = _column(messages, "err_horz") / _RADIUS_95
-    return stated_sigmas(np.column_stack([across, across, _column(messages, "err_vert") / _HALF_WIDTH_95]))
 
 
 def _velocities(messages: Decoded) -> tuple[Float64, Float64]:

@@ -109,7 +109,12 @@ def stream_date(messages: list[Any], declared: dt.date | None) -> StreamDate | N
             return StreamDate(times_ns[number])
     for number in (1019, 1044):
         if number in times_ns:
-            return StreamDate(_last_cycle(times_ns[number]), week_assumed=True)
+            # the last time with this week modulo 1024 that is not after today
+            now = dt.datetime.now(dt.UTC).replace(tzinfo=None)
+            tomorrow_ns = datetime_to_ns(now) + S_PER_DAY * NS_PER_S
+            period = GPS_WEEKS_SENT * NS_PER_WEEK
+            cycles = (tomorrow_ns - times_ns[number]) // period
+            return StreamDate(times_ns[number] + cycles * period, week_assumed=True)
     return None
 
 
@@ -136,10 +141,3 @@ def _dates(message: Any) -> Iterator[int]:
     elif number in (1019, 1044):
         gps = message.gps_ephemeris or message.qzss_ephemeris
         yield gps.week_number * NS_PER_WEEK + gps.t_oe * 16 * NS_PER_S
-
-
-def _last_cycle(t_ns: int) -> int:
-    """Return the last time with this week modulo 1024 that is not after today."""
-    today_ns = datetime_to_ns(dt.datetime.now(dt.UTC).replace(tzinfo=None)) + S_PER_DAY * NS_PER_S
-    period = GPS_WEEKS_SENT * NS_PER_WEEK
-    return t_ns + (today_ns - t_ns) // period * period
