@@ -23,6 +23,14 @@ def epochs(table: GnssTable) -> tuple[Int64, Int64]:
     return table.t_ns[starts], np.concatenate((starts, [len(table.t_ns)]))
 
 
+def satellites_per_epoch(table: GnssTable, which: Bool) -> Int64:
+    """Return how many different satellites have one of the rows ``which`` (n,) in each epoch."""
+    _, starts = epochs(table)
+    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    pairs = np.unique(epoch[which] * len(table.sv_names) + table.sv[which])
+    return np.bincount(pairs // len(table.sv_names), minlength=len(starts) - 1)
+
+
 def slipped_rows(table: GnssTable, lock_ms: Int64, halved: Bool, ceiling_ms: int | Int64) -> Bool:
     """Return for rows in time order whether the carrier may have slipped since its last valid value.
 

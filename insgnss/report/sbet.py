@@ -18,18 +18,9 @@ from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 FIELDS: Final = (
-    *(
-        "time_s",
-        "lat_rad",
-        "lon_rad",
-        "h_m",
-        "v_north_mps",
-        "v_west_mps",
-        "v_up_mps",
-        "roll_rad",
-        "pitch_rad",
-    ),
-    *("heading_rad", "wander_angle_rad", "accel_x_mps2", "accel_y_mps2", "accel_z_mps2"),
+    *("time_s", "lat_rad", "lon_rad", "h_m", "v_north_mps", "v_west_mps", "v_up_mps"),
+    *("roll_rad", "pitch_rad", "heading_rad", "wander_angle_rad"),
+    *("accel_x_mps2", "accel_y_mps2", "accel_z_mps2"),
     *("rate_x_radps", "rate_y_radps", "rate_z_radps"),
 )
 ACCURACY_FIELDS: Final = (

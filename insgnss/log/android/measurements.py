@@ -14,7 +14,9 @@ with predicted numbers and an uncertainty of a second: of these C/N0 alone is ke
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -56,6 +58,7 @@ _PERIODS: Final = (
 # Stated uncertainties from which on a number is predicted, not measured; phones write 1 s, c and c / 1e6
 _UNMEASURED_NS: Final = 1e6
 _UNMEASURED_MPS: Final = 100.0
+_KNOWN_ROWS: Final = 4096  # kinds of row whose satellite and signal are remembered
 
 
 def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Event]]:
@@ -150,28 +153,21 @@ def _measured(raw: AndroidCells) -> Bool:
 
 def _named(raw: AndroidCells) -> tuple[list[str | None], list[AndroidSignal | None]]:
     """Return each row's satellite and signal."""
-    constellation, _ = raw.integers("ConstellationType")
-    svid, _ = raw.integers("Svid")
-    carriers = raw.decimals("CarrierFrequencyHz")
-    carriers = np.where(carriers > 0.0, carriers, np.nan)
-    satellites: dict[tuple[int, int], str | None] = {}
-    signals: dict[tuple[int, int, float | None, str], AndroidSignal | None] = {}
-    names_of_rows, signals_of_rows = [], []
-    rows = zip(constellation.tolist(), svid.tolist(), carriers.tolist(), raw.texts("CodeType"), strict=True)
-    for system, number, carrier, code in rows:
-        if (system, number) not in satellites:
-            satellites[system, number] = satellite(system, number)
-        key = (system, number, carrier if carrier == carrier else None, code)
-        if key not in signals:
-            signals[key] = _signal(satellites[system, number], carrier, code)
-        names_of_rows.append(satellites[system, number])
-        signals_of_rows.append(signals[key])
-    return names_of_rows, signals_of_rows
+    systems, numbers = (raw.integers(name)[0].tolist() for name in ("ConstellationType", "Svid"))
+    carriers = [hz if hz > 0.0 else None for hz in raw.decimals("CarrierFrequencyHz").tolist()]
+    names = [_satellite(*row) for row in zip(systems, numbers, strict=True)]
+    return names, [_signal(*row) for row in zip(names, carriers, raw.texts("CodeType"), strict=True)]
 
 
-def _signal(name: str | None, carrier_hz: float, code_type: str) -> AndroidSignal | None:
-    nominal = None if name is None else signal(name[0], carrier_hz, code_type)
-    channel = None if name is None else channel_of_name(name)
+_satellite: Final = lru_cache(_KNOWN_ROWS)(satellite)  # a log repeats few of them in many rows
+
+
+@lru_cache(_KNOWN_ROWS)
+def _signal(name: str | None, carrier_hz: float | None, code_type: str) -> AndroidSignal | None:
+    if name is None:
+        return None
+    nominal = signal(name[0], math.nan if carrier_hz is None else carrier_hz, code_type)
+    channel = channel_of_name(name)
     return nominal if nominal is None or channel is None else on_channel(nominal, channel)
 
 

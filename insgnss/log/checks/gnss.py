@@ -17,7 +17,7 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.stretches import GNSS_GAP_STEPS
-from insgnss.log.gnss_rows import epochs
+from insgnss.log.gnss_rows import epochs, satellites_per_epoch
 from insgnss.status import USED
 from insgnss.tables import Bool, Float64, GnssTable, Int64, NavigationData
 
@@ -33,7 +33,7 @@ def gnss_findings(
     findings = [
         _span_finding(t_ns, week),
         *_gap_findings(t_ns, week),
-        *_satellite_findings(gnss, starts, config),
+        *_satellite_findings(gnss, config),
     ]
     findings += _duplicate_findings(gnss, starts)
     channels = gnss.glonass_channels if channels is None else channels
@@ -64,10 +64,10 @@ def _gap_findings(t_ns: Int64, week: int) -> list[Finding]:
     return [Finding("warning", "gnss", text)]
 
 
-def _satellite_findings(gnss: GnssTable, starts: Int64, config: FlightConfig) -> list[Finding]:
+def _satellite_findings(gnss: GnssTable, config: FlightConfig) -> list[Finding]:
     findings = []
     usable = np.isfinite(gnss.pseudorange_m)
-    count = _distinct_per_epoch(gnss, starts, usable)
+    count = satellites_per_epoch(gnss, usable)
     systems: dict[str, set[str]] = {}
     for code, index in zip(*np.unique(np.stack([gnss.signal, gnss.sv]), axis=1), strict=True):
         systems.setdefault(f"{gnss.sv_names[index][0]} {gnss.signal_names[code]}", set()).add(
@@ -95,13 +95,6 @@ def _satellite_findings(gnss: GnssTable, starts: Int64, config: FlightConfig) ->
         advice = "if the log has a column of it, name it under gnss.columns" if is_table else ""
         findings.append(Finding("warning", "gnss", f"no {' and no '.join(missing)} in the log", advice))
     return findings
-
-
-def _distinct_per_epoch(gnss: GnssTable, starts: Int64, which: Bool) -> Int64:
-    """Return how many different satellites have a chosen row in each epoch."""
-    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    keys = np.unique(epoch[which] * len(gnss.sv_names) + gnss.sv[which])
-    return np.bincount(keys // len(gnss.sv_names), minlength=len(starts) - 1)
 
 
 def _duplicate_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
@@ -146,11 +139,10 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
         counts[name[0]] = counts.get(name[0], 0) + 1
     listed = ", ".join(f"{count} {system}" for system, count in sorted(counts.items()))
     findings = [Finding("ok", "navigation", f"messages: {listed}")]
-    _, starts = epochs(gnss)
     covered = _covered_rows(gnss, messages)
     if gnss.sat is not None:
         covered |= status_of_given(gnss.sat) == USED
-    count = _distinct_per_epoch(gnss, starts, covered & np.isfinite(gnss.pseudorange_m))
+    count = satellites_per_epoch(gnss, covered & np.isfinite(gnss.pseudorange_m))
     few = int(np.count_nonzero(count < MIN_SATELLITES))
     spread = f"{count.min()} to {count.max()}, median {np.median(count):.0f}"
     text = f"satellites with a current ephemeris per epoch: {spread}"

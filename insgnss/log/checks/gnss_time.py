@@ -17,7 +17,7 @@ from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.checks.time_offset import HOUR_S, scale_for
 from insgnss.log.checks.track import Solve, solved_share
 from insgnss.log.flight import Flight
-from insgnss.log.gnss_rows import epochs
+from insgnss.log.gnss_rows import epochs, satellites_per_epoch
 from insgnss.log.overlap import MOST_HOURS
 from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
 
@@ -91,11 +91,7 @@ def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:
     if navigation.state_vectors is not None:
         names |= set(navigation.state_vectors.sv_names)
     known = np.array([name in names for name in gnss.sv_names], np.bool_)
-    _, starts = epochs(gnss)
-    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    which = np.isfinite(gnss.pseudorange_m) & known[gnss.sv]
-    pairs = np.unique(epoch[which] * len(gnss.sv_names) + gnss.sv[which])
-    return np.bincount(pairs // len(gnss.sv_names), minlength=len(starts) - 1)
+    return satellites_per_epoch(gnss, np.isfinite(gnss.pseudorange_m) & known[gnss.sv])
 
 
 def _sample(gnss: GnssTable, enough: Int64) -> GnssTable:

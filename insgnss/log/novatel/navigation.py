@@ -53,12 +53,9 @@ _GALILEO_BOTH: Final = np.dtype(
         *_words("prn", "has_fnav", "has_inav"),
         *((name, "u1") for name in ("hs_e1", "hs_e5a", "hs_e5b", "dvs_e1", "dvs_e5a", "dvs_e5b", "sisa", "")),
         *(*_words("iod", "toe"), *_doubles("sqrt_a", "delta_n", "m0", "e", "omega", *_HARMONICS)),
-        *(
-            *_doubles("i0", "idot", "omega0", "omega_dot"),
-            *_words("fnav_toc"),
-            *_doubles("fnav_af0", "fnav_af1"),
-        ),
-        *(*_doubles("fnav_af2"), *_words("inav_toc"), *_doubles("inav_af0", "inav_af1", "inav_af2")),
+        *(*_doubles("i0", "idot", "omega0", "omega_dot"), *_words("fnav_toc")),
+        *(*_doubles("fnav_af0", "fnav_af1", "fnav_af2"), *_words("inav_toc")),
+        *_doubles("inav_af0", "inav_af1", "inav_af2"),
         *_doubles("bgd_e5a", "bgd_e5b"),
     ]
 )
@@ -93,13 +90,7 @@ _BEIDOU: Final = np.dtype(
 _GLONASS: Final = np.dtype(
     [
         *(("slot", "<u2"), ("channel", "<u2"), ("kind", "u1"), ("", "u1"), ("week", "<u2"), ("ms", "<u4")),
-        *(
-            ("offset_s", "<u4"),
-            ("day", "<u2"),
-            ("_reserved", "u1", (2,)),
-            ("issue", "<u4"),
-            ("health", "<u4"),
-        ),
+        *(("offset_s", "<u4"), ("day", "<u2"), ("_reserved", "u1", (2,)), *_words("issue", "health")),
         *((name, "<f8", (3,)) for name in ("r_e", "v_e", "a_e")),
         *_doubles("tau", "delta_tau", "gamma"),
     ]
@@ -225,20 +216,13 @@ def _glonass(messages: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]
     t_ns = int(row["week"]) * NS_PER_WEEK + round(int(row["ms"]) / 1000) * NS_PER_S
     channel = int(row["channel"]) - CHANNEL_OFFSET
     r_e, v_e, a_e = (tuple(row[name].tolist()) for name in ("r_e", "v_e", "a_e"))
-    messages.states.setdefault(
-        StateVector(
-            sv,
-            t_ns,
-            r_e,
-            v_e,
-            a_e,
-            -float(row["tau"]),
-            float(row["gamma"]),
-            float(row["delta_tau"]) if math.isfinite(row["delta_tau"]) else math.nan,
-            float(int(row["health"]) & 0b1111 != 0),
-            channel if channel in CHANNELS else UNKNOWN_CHANNEL,
-        )
+    state = StateVector(
+        *(sv, t_ns, r_e, v_e, a_e, -float(row["tau"]), float(row["gamma"])),
+        group_delay_s=float(row["delta_tau"]) if math.isfinite(row["delta_tau"]) else math.nan,
+        health=float(int(row["health"]) & 0b1111 != 0),
+        channel=channel if channel in CHANNELS else UNKNOWN_CHANNEL,
     )
+    messages.states.setdefault(state)
 
 
 DECODED: Final[
