@@ -20,14 +20,13 @@ from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.log.detect import with_stated_format, with_stated_format_of_antenna
 from insgnss.log.files import sha256
-from insgnss.log.further_antennas import read_further_antennas
-from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver, without_gnss
+from insgnss.log.gnss_log import GnssLogs, read_further_antennas, read_gnss_logs, read_receiver, without_gnss
 from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
-from insgnss.log.stated_format import with_stated_format, with_stated_format_of_antenna
 from insgnss.results.shown import ResultDisplay
 from insgnss.tables import (
     Event,

@@ -23,10 +23,10 @@ from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.satellite_column import read_satellites, toml_key
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, read_timed_table
+from insgnss.log.detect import naming_format
 from insgnss.log.events import counted
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex.observations import read_rinex_obs
-from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band

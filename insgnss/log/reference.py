@@ -13,9 +13,9 @@ from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.exact import most_bad_rows
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import each_time_once, read_timed_table
+from insgnss.log.detect import naming_format
 from insgnss.log.events import counted
 from insgnss.log.own_solution import on_earth, own_reference
-from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Int64, ReferenceTable
 
 

@@ -20,8 +20,7 @@ import numpy as np
 from insgnss.errors import ConfigError, ResultError
 from insgnss.report.charts import BAND_SIGMAS, PALETTE
 from insgnss.report.epochs import satellites_of
-from insgnss.report.labels import label
-from insgnss.report.own_kinds import unit_of
+from insgnss.report.labels import label, unit_of
 from insgnss.report.sections.errors import opening_range
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import state_colour, states_of_the_log

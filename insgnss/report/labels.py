@@ -1,12 +1,13 @@
-"""Columns in words: 'vn_mps' is drawn as 'velocity north' in 'm/s'."""
+"""Columns and measurement kinds in words: 'vn_mps' is drawn as 'velocity north' in 'm/s'."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 from insgnss.runs.columns.sheet import UNITS
+from insgnss.runs.result import Run
 
 
 class Label(NamedTuple):
@@ -77,3 +78,15 @@ def row_of_numbers(values: Sequence[float], scale: float) -> list[str]:
 def distance(metres: float) -> str:
     """Return a way as people say it: '129 m', '90.9 km'."""
     return f"{metres:.0f} m" if metres < 1000.0 else f"{number(metres / 1000.0)} km"
+
+
+def own_kinds(run: Run) -> dict[str, Mapping[str, Any]]:
+    """Return the settings of the user's own measurements, by name."""
+    entries = run.settings.get("measurements") or []
+    return {str(entry["name"]): entry for entry in entries if isinstance(entry, Mapping) and "name" in entry}
+
+
+def unit_of(run: Run, kind: str) -> str:
+    """Return the unit of a kind's innovations, '-' if none is stated."""
+    own = own_kinds(run).get(kind, {})
+    return KIND_UNITS.get(kind) or str(own.get("unit") or "-")

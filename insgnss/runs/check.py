@@ -33,7 +33,7 @@ from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu.csv_log import inertial
-from insgnss.log.imu.frozen import DEAD
+from insgnss.log.imu.faults import DEAD
 from insgnss.log.imu.units import fitting_accel_units, keys_of_accel_unit
 from insgnss.runs.first_run import compiled
 from insgnss.runs.gnss_track import solve_track

@@ -9,7 +9,7 @@ import pytest
 from insgnss.config.strict import StrictModel, changed, load_toml
 from insgnss.config.vehicle_kind import VEHICLE_KINDS, VehicleRows
 from insgnss.errors import ConfigError
-from insgnss.log.checks.vehicle import vehicle_findings
+from insgnss.log.checks.declaration import vehicle_findings
 from insgnss.sensors.vehicle_rows import vehicle_measurements, vehicle_states
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.imu.faults import SensorTriad
-from insgnss.log.imu.frozen import frozen_events
+from insgnss.log.imu.faults import SensorTriad, frozen_events
 from insgnss.tables import Event
 from tests.log.writing import Float64
 

@@ -15,7 +15,7 @@ from insgnss.errors import InsGnssError
 from insgnss.gnss.antenna_phases import MATCH_S
 from insgnss.log.checks.report import Finding, from_error
 from insgnss.log.flight import Flight
-from insgnss.log.further_antennas import read_further_antenna, require_carrier
+from insgnss.log.gnss_log import read_further_antenna, require_carrier
 from insgnss.tables import GnssTable, Int64
 
 LONG_BASELINE_M: Final = 50.0

@@ -1,4 +1,4 @@
-"""The flight file's declarations of the inertial log, as matrices, and the log in its own axes."""
+"""The flight file's declarations: of the inertial log, as matrices, with the log in its own axes; of the vehicle."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from insgnss.config.vehicle_kind import ROWS, VehicleRows
+from insgnss.log.checks.report import Finding
 from insgnss.log.flight import Flight
 from insgnss.log.imu.axes import mounting_matrix, signed_permutation
 from insgnss.log.imu.csv_log import inertial, read_imu_as_logged
@@ -50,3 +52,25 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration
     units = config.gyro_unit, config.gyro_unit.replace(now, other)
     factors = tuple(SI_PER_UNIT[unit] / SI_PER_UNIT[config.gyro_unit] for unit in units)
     return AxesDeclaration(own, accel, gyro, turned, factors, units)
+
+
+def vehicle_findings(vehicle: VehicleRows) -> list[Finding]:
+    """Return which rows a vehicle's kind allows and which of them are used, and their weaknesses."""
+    allowed = [name for name in ROWS if getattr(vehicle, name) is not None]
+    off = [name for name in allowed if name not in vehicle.rows]
+    text = f"{vehicle.kind}: its motion makes no rows"
+    if allowed:
+        text = f"{vehicle.kind}: rows {', '.join(vehicle.rows) or 'none'} every {vehicle.period_s:g} s"
+        text += f"; switched off: {', '.join(off)}" if off else ""
+    findings = [Finding("ok", "vehicle", text)]
+    along = vehicle.non_holonomic
+    if along is not None and along.on and along.axle_m is None:
+        findings.append(
+            Finding(
+                "warning",
+                "vehicle",
+                f"the axle is not given: it is taken to be at the IMU, within {along.axle_sd_m:g} m (1 sigma)",
+                "measure it: vehicle.non_holonomic.axle_m, IMU to the middle of the axle that does not steer",
+            )
+        )
+    return findings

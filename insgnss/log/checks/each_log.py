@@ -12,14 +12,14 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.signals import CHANNELS
 from insgnss.log.checks.antennas_on_demand import antenna_findings
+from insgnss.log.checks.declaration import vehicle_findings
 from insgnss.log.checks.gnss import ephemeris_findings, gnss_findings, ionosphere_findings
 from insgnss.log.checks.imu import imu_findings
 from insgnss.log.checks.report import CheckReport, Finding, from_error, from_events
-from insgnss.log.checks.vehicle import vehicle_findings
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import missing_navigation, read_receiver, with_files
 from insgnss.log.imu.csv_log import read_imu
-from insgnss.log.imu.frozen import DEAD
+from insgnss.log.imu.faults import DEAD
 from insgnss.log.overlap import check_navigation_time, check_overlap, epochs_outside
 from insgnss.log.phone_satellites import states_beside, with_slots
 from insgnss.log.receiver import ReceiverLog

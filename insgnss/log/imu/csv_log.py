@@ -21,14 +21,13 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.csv.time_tags import continued_times, read_timed_table, wanted_with_time
+from insgnss.log.detect import naming_format
 from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
-from insgnss.log.imu.faults import SensorTriad, fault_events
-from insgnss.log.imu.frozen import frozen_events
+from insgnss.log.imu.faults import SensorTriad, fault_events, frozen_events
 from insgnss.log.imu.increment_steps import increment_intervals
 from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.log.imu.units import check_units
 from insgnss.log.sensor_pairs import paired
-from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 

@@ -31,9 +31,9 @@ from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.csv.time_tags import continued_times, each_time_once, read_timed_table
+from insgnss.log.detect import naming_format
 from insgnss.log.events import counted
 from insgnss.log.imu.axes import body_rotation, magnetometer_axes
-from insgnss.log.stated_format import naming_format
 from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 

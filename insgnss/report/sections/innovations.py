@@ -24,8 +24,7 @@ from insgnss.report.charts import (
 )
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section, table, text
-from insgnss.report.labels import number
-from insgnss.report.own_kinds import own_kinds, unit_of
+from insgnss.report.labels import number, own_kinds, unit_of
 from insgnss.report.thinning import envelope
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
