@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from insgnss.errors import ColumnError, InputError, MissingFileError
-from insgnss.log.csv import fast as csv_fast
+from insgnss.log.csv import table as csv_fast
 from insgnss.log.csv.cells import integers
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table

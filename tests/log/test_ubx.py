@@ -16,7 +16,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError, MissingFileError
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.navigation import read_navigation
-from insgnss.log.ubx.frames import find_frames
+from insgnss.log.ubx.frames import frames_in
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.tables import EphemerisTable, Float64
 from tests.log.ubx_writing import TOW_S, WEEK, frame, measurement, rawx
@@ -205,7 +205,7 @@ def test_real_ephemerides_predict_the_measured_ranges(
 def test_real_measurements_equal_those_of_another_parser(real_path: Path, tmp_path: Path) -> None:
     data = real_path.read_bytes()[:ORACLE_BYTES]
     path = write(tmp_path, data)
-    frames = find_frames(path)
+    frames = frames_in(path, path.read_bytes())
     expected: dict[str, int] = {}
     rows = []
     with path.open("rb") as stream:
@@ -237,7 +237,7 @@ def test_real_log_cut_into_files_reads_as_the_whole(
     real_path: Path, real: ReceiverLog, tmp_path: Path, parts: int
 ) -> None:
     data = real_path.read_bytes()
-    frames = find_frames(real_path)
+    frames = frames_in(real_path, data)
     starts = [offset - 6 for offset, _ in frames.of(0x0215)][:: 536 // parts + 1]
     pieces = [data[a:b] for a, b in zip([0, *starts[1:]], [*starts[1:], len(data)], strict=True)]
     files = [write(tmp_path, piece, name=f"{k}.ubx") for k, piece in enumerate(pieces)]

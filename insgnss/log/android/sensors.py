@@ -24,26 +24,22 @@ from insgnss.log.further_samples import BAROMETER, MAGNETOMETER, FurtherKind, Fu
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Bool, Event, Float64, ImuTable, Int64
 
+
+def _axes(name: str, unit: str = "") -> tuple[str, ...]:
+    """Return the columns of three axes ("AccelXMps2", ...)."""
+    return tuple(f"{name}{axis}{unit}" for axis in "XYZ")
+
+
 # Kinds of line in the order of preference, with the columns of the three axes
-_ACCELERATION: Final = (
-    ("UncalAccel", ("UncalAccelXMps2", "UncalAccelYMps2", "UncalAccelZMps2")),
-    ("Accel", ("AccelXMps2", "AccelYMps2", "AccelZMps2")),
-)
-_ANGULAR_RATE: Final = (
-    ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
-    ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
-)
+_ACCELERATION: Final = tuple((kind, _axes(kind, "Mps2")) for kind in ("UncalAccel", "Accel"))
+_ANGULAR_RATE: Final = tuple((kind, _axes(kind, "RadPerSec")) for kind in ("UncalGyro", "Gyro"))
 # what the phone itself takes for the drift of its raw gyros; it changes in steps, which the raw rates do not have
-_DRIFT: Final = ("DriftXRadPerSec", "DriftYRadPerSec", "DriftZRadPerSec")
+_DRIFT: Final = _axes("Drift", "RadPerSec")
 # In tables that hold all sensors in the same columns, a cell for each axis
-_COMMON: Final = ("MeasurementX", "MeasurementY", "MeasurementZ")
-_COMMON_DRIFT: Final = ("BiasX", "BiasY", "BiasZ")
+_COMMON, _COMMON_DRIFT = _axes("Measurement"), _axes("Bias")
 INERTIAL_KINDS: Final = frozenset(kind for kind, _ in _ACCELERATION + _ANGULAR_RATE)
 # The calibrated field steps where the phone changes its own estimate of the hard iron; the raw one does not
-_FIELD: Final = (
-    ("UncalMag", ("UncalMagXMicroT", "UncalMagYMicroT", "UncalMagZMicroT")),
-    ("Mag", ("MagXMicroT", "MagYMicroT", "MagZMicroT")),
-)
+_FIELD: Final = tuple((kind, _axes(kind, "MicroT")) for kind in ("UncalMag", "Mag"))
 # below, the scatter of single epochs (ms) would give a worse rate than zero
 _DRIFT_FITTED_FROM_S: Final = 60.0
 

@@ -22,7 +22,6 @@ from typing import Final
 import numpy as np
 
 from insgnss.log.events import framing_events, listed
-from insgnss.log.files import file_buffer
 from insgnss.tables import Event
 
 SYNC: Final = b"\xb5\x62"
@@ -54,21 +53,12 @@ class UbxFrames:
         return events + listed("ubx_not_used", "messages not used", by_name, self.path)
 
 
-def find_frames(path: Path) -> UbxFrames:
-    """Return all frames of a file whose check sum holds.
+def frames_in(path: Path, data: bytes) -> UbxFrames:
+    """Return all frames among the bytes of the file ``path`` whose check sum holds.
 
     After a frame with a wrong check sum the search goes on at its third byte, so a frame that begins within the
     damaged one is found.
-
-    Raises
-    ------
-    InputError : the file is missing, empty or cannot be read
     """
-    return frames_in(path, file_buffer(path).to_pybytes())
-
-
-def frames_in(path: Path, data: bytes) -> UbxFrames:
-    """Return all frames among the bytes of the file ``path`` (see ``find_frames``)."""
     frames = UbxFrames(path, data)
     running, weighted = _running_sums(data)
     length_of = struct.Struct("<H").unpack_from

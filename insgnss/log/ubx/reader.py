@@ -19,8 +19,9 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
 from insgnss.gpstime import LATEST_WEEK, leap_seconds
 from insgnss.log.events import counted
+from insgnss.log.files import file_buffer
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.ubx.frames import UbxFrames, find_frames, frames_in
+from insgnss.log.ubx.frames import UbxFrames, frames_in
 from insgnss.log.ubx.imu import MEAS, RAW, imu_table
 from insgnss.log.ubx.messages import SFRBX, UbxMessages
 from insgnss.log.ubx.observations import (
@@ -66,7 +67,7 @@ def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
     ------
     InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample nor solution
     """
-    return _read([find_frames(path) for path in paths])
+    return read_ubx_bytes([(path, file_buffer(path).to_pybytes()) for path in paths])
 
 
 def read_ubx_bytes(streams: Sequence[tuple[Path, bytes]]) -> ReceiverLog:
@@ -76,10 +77,7 @@ def read_ubx_bytes(streams: Sequence[tuple[Path, bytes]]) -> ReceiverLog:
     ------
     InputError : as ``read_ubx``
     """
-    return _read([frames_in(path, data) for path, data in streams])
-
-
-def _read(files: list[UbxFrames]) -> ReceiverLog:
+    files = [frames_in(path, data) for path, data in streams]
     paths = [frames.path for frames in files]
     epochs: list[RawEpochs] = []
     imu: list[ImuTable] = []
