@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol
 
 import numpy as np
 
 from insgnss.tables import Bool, Event
 
 MAX_EVENTS_EACH: Final = 20
-_T = TypeVar("_T")
 
 
 def counted(kind: str, count: int | Bool | np.bool_, what: str, file: object = None) -> list[Event]:
@@ -42,30 +41,27 @@ def in_file(file: object, events: Iterable[Event]) -> list[Event]:
     return [Event(e.t_ns, e.kind, e.detail if file is None else f"{file}: {e.detail}") for e in events]
 
 
-def first_events(
-    items: Sequence[_T], event: Callable[[_T], Event], source: object, outcome: str = ""
-) -> list[Event]:
-    """Return an event for each of the first items, all of one kind, and one that counts them where there are more.
+def first_events(kind: str, details: Iterable[str], source: object, outcome: str = "") -> list[Event]:
+    """Return an event for each of the first details, and one that counts them where there are more (``shortened``)."""
+    return shortened([Event(None, kind, detail) for detail in details], source, outcome)
+
+
+def shortened(events: Sequence[Event], source: object, outcome: str = "") -> list[Event]:
+    """Return the first events of each kind, and for each kind with more one that counts them.
 
     Parameters
     ----------
     source : the file, named in the count
     outcome : the common outcome, named there too
     """
-    events = [event(item) for item in items[:MAX_EVENTS_EACH]]
-    if len(items) > MAX_EVENTS_EACH:
-        next_one = event(items[MAX_EVENTS_EACH])
-        count = f"{source}: {len(items) - MAX_EVENTS_EACH} more such, {len(items)} in all"
-        events.append(Event(next_one.t_ns, next_one.kind, count + (f"; {outcome}" if outcome else "")))
-    return events
-
-
-def shortened(events: Sequence[Event], source: object) -> list[Event]:
-    """Return the first events of each kind, and for each kind with more one that counts them."""
-    kinds = dict.fromkeys(event.kind for event in events)
     short: list[Event] = []
-    for kind in kinds:
-        short += first_events([event for event in events if event.kind == kind], lambda event: event, source)
+    for kind in dict.fromkeys(event.kind for event in events):
+        same = [event for event in events if event.kind == kind]
+        short += same[:MAX_EVENTS_EACH]
+        if len(same) > MAX_EVENTS_EACH:
+            count = f"{source}: {len(same) - MAX_EVENTS_EACH} more such, {len(same)} in all"
+            ending = f"; {outcome}" if outcome else ""
+            short.append(Event(same[MAX_EVENTS_EACH].t_ns, kind, count + ending))
     return short
 
 
@@ -88,14 +84,8 @@ def framing_events(file: FrameSearch, protocol: str, unit: str, foreign: str, si
     foreign : what the bytes between the frames are, behind "of n bytes are"
     size : of the file [bytes]
     """
-    events = first_events(
-        file.bad_checksums,
-        lambda offset: Event(
-            None, f"{protocol}_checksum", f"{file.path}: byte {offset}: wrong check sum; {unit} refused"
-        ),
-        file.path,
-        f"{unit}s refused",
-    )
+    wrong = (f"{file.path}: byte {at}: wrong check sum; {unit} refused" for at in file.bad_checksums)
+    events = first_events(f"{protocol}_checksum", wrong, file.path, f"{unit}s refused")
     if file.cut_at is not None:
         detail = f"{file.path}: byte {file.cut_at}: the file ends within a {unit}"
         events.append(Event(None, f"{protocol}_cut", detail))

@@ -182,12 +182,8 @@ def _parsed_sp3(text: str, path: Path, contents: _ProductContents) -> Any:
             file=path,
             advice="SP3-c and SP3-d are read; older versions (#a, #b) have to be converted",
         ) from error
-    contents.events += first_events(
-        damaged,
-        lambda line: Event(None, "precise_damaged", f"{path}:{line}: not readable; left out"),
-        path,
-        "left out",
-    )
+    details = (f"{path}:{line}: not readable; left out" for line in damaged)
+    contents.events += first_events("precise_damaged", details, path, "left out")
     return product
 
 

@@ -241,11 +241,9 @@ class _ColumnReader:
 
 
 def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: str) -> list[Event]:
-    def event(complaint: _Complaint) -> Event:
-        place = f"{path}:{complaint.line}" + (f", column '{complaint.column}'" if complaint.column else "")
-        return Event(None, kind, f"{place}: {complaint.reason}; {outcome}")
-
-    return first_events(complaints, event, path, outcome)
+    columns = {name: f", column '{name}'" if name else "" for _, name, _, _ in complaints}
+    details = (f"{path}:{line}{columns[name]}: {reason}; {outcome}" for line, name, reason, _ in complaints)
+    return first_events(kind, details, path, outcome)
 
 
 def most_bad_rows(total: int) -> float:

@@ -176,12 +176,11 @@ def _without(
     """Return the rows that are not bad; each of the others is refused for its reason."""
     column = "' and '".join(log.columns.of_time)
 
-    def event(refused: tuple[int, str]) -> Event:
-        line, reason = refused
-        return Event(None, "bad_row", f"{table.path}:{line}, column '{column}': {reason}; row refused")
-
-    refused = list(zip(table.line[bad].tolist(), reasons, strict=False))
-    table.events += first_events(refused, event, table.path, "row refused")
+    refused = (
+        f"{table.path}:{line}, column '{column}': {reason}; row refused"
+        for line, reason in zip(table.line[bad].tolist(), reasons, strict=False)
+    )
+    table.events += first_events("bad_row", refused, table.path, "row refused")
     return t_ns[~bad], table.take(np.flatnonzero(~bad))
 
 

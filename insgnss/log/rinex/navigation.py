@@ -196,23 +196,14 @@ def _read_records(text: str, path: str, contents: _NavigationContents) -> None:
             contents.inter_signal_s[record.satellite] = np.array(corrections)
         else:
             kinds[label] += 1
-    _tell_damage(damaged, path, contents.events)
+    details = (
+        f"{path}:{line}: {f'{sv}: ' if sv else ''}{why}; message refused" for line, sv, why in sorted(damaged)
+    )
+    contents.events += first_events("navigation_damaged", details, path, "messages refused")
     _tell_channels(states.found, path, contents.events)
     kinds += Counter(block.kind for block in parsed.other if block.kind not in _READ_ELSEWHERE)
     unused = dict(sorted(kinds.items()))
     contents.events += listed("navigation_not_used", "messages of a kind not used", unused, path)
-
-
-def _tell_damage(damaged: list[tuple[int, str, str]], path: str, events: list[Event]) -> None:
-    """Add an event for each damaged message (line, satellite, reason) up to a number, then one with the total."""
-
-    def event(message: tuple[int, str, str]) -> Event:
-        line, sv, why = message
-        return Event(
-            None, "navigation_damaged", f"{path}:{line}: {f'{sv}: ' if sv else ''}{why}; message refused"
-        )
-
-    events += first_events(sorted(damaged), event, path, "messages refused")
 
 
 def _tell_channels(states: list[StateVector], path: str, events: list[Event]) -> None:

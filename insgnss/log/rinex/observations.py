@@ -136,18 +136,14 @@ def _lost_lines(text: str, values: ObservationValues, path: str) -> list[Event]:
 
 def _damage_events(parsed: ParsedText, path: str) -> list[Event]:
     """Return an event for each refused epoch and each lost value up to a number, then one with the total."""
-
-    def epoch(refused: tuple[int, str]) -> Event:
-        line, why = refused
-        return Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
-
-    def value(cell: DamagedCell) -> Event:
-        detail = f"observation {cell.place + 1}, '{cell.text}', is not a number; value refused"
-        return Event(None, "rinex_value_damaged", f"{path}:{cell.line}: {cell.sv}: {detail}")
-
-    cells = [cell for _, damaged in parsed.stretches for cell in damaged]
-    refused = first_events(parsed.refused, epoch, path, "epochs refused")
-    return refused + first_events(cells, value, path, "values refused")
+    epochs = (f"{path}:{line}: {why}; epoch refused" for line, why in parsed.refused)
+    values = (
+        f"{path}:{cell.line}: {cell.sv}: observation {cell.place + 1}, '{cell.text}', is not a number; value refused"
+        for _, damaged in parsed.stretches
+        for cell in damaged
+    )
+    refused = first_events("rinex_epoch_damaged", epochs, path, "epochs refused")
+    return refused + first_events("rinex_value_damaged", values, path, "values refused")
 
 
 def _observation_text(file: JoinedFile) -> tuple[str, list[Event]]:

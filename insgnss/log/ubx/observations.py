@@ -91,14 +91,11 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     heads = np.frombuffer(b"".join([data[o : o + 16] for o, _ in good]), _EPOCH)
     dated = np.isfinite(heads["tow_s"]) & (heads["tow_s"] >= 0.0) & (heads["tow_s"] < S_PER_WEEK + 1.0)
     dated &= (heads["week"] > 0) & (heads["week"] <= LATEST_WEEK)
-    events += first_events(
-        np.flatnonzero(~dated).tolist(),
-        lambda index: Event(
-            None, "ubx_damaged", f"{frames.path}: byte {good[index][0]}: RXM-RAWX without a date; refused"
-        ),
-        frames.path,
-        "epochs refused",
+    undated = (
+        f"{frames.path}: byte {good[k][0]}: RXM-RAWX without a date; refused"
+        for k in np.flatnonzero(~dated).tolist()
     )
+    events += first_events("ubx_damaged", undated, frames.path, "epochs refused")
     used = [place for place, has_date in zip(good, dated, strict=True) if has_date]
     heads = heads[dated]
     body = b"".join([data[o + 16 : o + n] for o, n in used])
