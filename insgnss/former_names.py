@@ -21,6 +21,7 @@ FORMER: Final = {
     "interference.lasting_acceleration": "interference.steady_acceleration",
     "jit": "kernels.jit",
     "library": "config.library",
+    "log.declared": "log.receiver",
     "log_replay": "runs.replay",
     "point_solutions": "runs.point",
     "run": "runs.result",

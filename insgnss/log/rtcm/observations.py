@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -59,19 +60,9 @@ _LONGEST_LOCK_S: Final = 937
 _LEGACY_RANK: Final = 0  # below the kinds of MSM: of a signal sent twice the finer one counts
 
 
-class RtcmRow(NamedTuple):
-    """One observation of a signal; missing numbers are NaN."""
-
-    t_ns: int
-    sv: str
-    code: str
-    station: int
-    rank: int  # by which one of several of a signal counts: the kind of MSM
-    range_m: float
-    phase_m: float
-    rate_mps: float
-    cn0: float
-    lli: int
+# One observation of a signal; of several the one with the highest rank counts, the kind of MSM; missing numbers are NaN
+RtcmRow = tuple[int, str, str, int, int, float, float, float, float, int]
+_FIELDS: Final = ("t_ns", "sv", "code", "station", "rank", "range_m", "phase_m", "rate_mps", "cn0", "lli")
 
 
 @dataclass
@@ -87,11 +78,15 @@ class RtcmObservations:
     @property
     def first_ns(self) -> int:
         """GPS time of the first epoch."""
-        return self.rows[0].t_ns if self.rows else 0
+        return self.rows[0][0] if self.rows else 0
 
     def column(self, name: str, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-        """Return a field of all rows."""
-        return np.array([getattr(row, name) for row in self.rows], dtype)
+        """Return a field of all rows of the whole stream."""
+        return np.array(self._columns.get(name, ()), dtype)
+
+    @cached_property
+    def _columns(self) -> dict[str, tuple[Any, ...]]:
+        return dict(zip(_FIELDS, zip(*self.rows, strict=True), strict=False))
 
     def add(self, message: Any, times: EpochTimes) -> None:
         """Take one observation message."""
@@ -127,13 +122,13 @@ class RtcmObservations:
                 phase is not None and phase != no_phase,
             )
             has_rate = rate is not None and rate != _NO_FINE_RATE
-            row = RtcmRow(
+            row = (
                 *(t_ns, sv, "C" + suffix, header.reference_station_id, kind),
-                range_m=_M_PER_MS * (rough_ms + fine * code_ms) if has_code else np.nan,
-                phase_m=_M_PER_MS * (rough_ms + phase * phase_ms) if has_phase else np.nan,
-                rate_mps=rough_mps + rate * 1e-4 if has_rate else np.nan,
-                cn0=cell.cnr * cn0_db if cell.cnr else np.nan,
-                lli=locks.get((cell.satellite_id, cell.signal_id), 0) if has_phase else 0,
+                _M_PER_MS * (rough_ms + fine * code_ms) if has_code else np.nan,
+                _M_PER_MS * (rough_ms + phase * phase_ms) if has_phase else np.nan,
+                rough_mps + rate * 1e-4 if has_rate else np.nan,
+                cell.cnr * cn0_db if cell.cnr else np.nan,
+                locks.get((cell.satellite_id, cell.signal_id), 0) if has_phase else 0,
             )
             self.rows.append(row)
 
@@ -165,8 +160,8 @@ class RtcmObservations:
                 lli = self._legacy_lli((station, sv, code), t_ns, band.lock_time_indicator)
                 phase_m = range_m + phase * 0.0005 if phase != _NO_PHASE else np.nan
                 cn0 = band.cnr * 0.25 if band.cnr else np.nan
-                key, rank = (t_ns, sv, code, station), _LEGACY_RANK
-                self.rows.append(RtcmRow(*key, rank, range_m + off_m, phase_m, np.nan, cn0, lli))
+                key = (t_ns, sv, code, station, _LEGACY_RANK)
+                self.rows.append((*key, range_m + off_m, phase_m, np.nan, cn0, lli))
 
     def _legacy_lli(self, track: tuple[int, str, str], t_ns: int, indicator: int) -> int:
         """Return 1 where the lock has not lasted since the track's row before."""
@@ -263,7 +258,7 @@ def _chosen(
     """Return the rows that are used, sorted by epoch, satellite and signal, and the events of the others."""
     unknown = {f"of {what}": count for what, count in cells.unknown.most_common(10)}
     events = listed("rtcm_signal_unknown", "observations left out", unknown, file)
-    stations = Counter(row.station for row in cells.rows)
+    stations = Counter(cells.column("station", np.int64).tolist())
     own = stations.most_common(1)[0][0] if stations else 0
     if len(stations) > 1:
         others = {f"of {number}": count for number, count in sorted(stations.items()) if number != own}
