@@ -30,11 +30,10 @@ def gnss_findings(
     """Return the findings on a GNSS log by itself; ``channels`` of GLONASS are those of the log when None."""
     week = config.gps_week
     t_ns, starts = epochs(gnss)
-    findings = [
-        _span_finding(t_ns, week),
-        *_gap_findings(t_ns, week),
-        *_satellite_findings(gnss, config),
-    ]
+    first, last = ns_to_week_seconds(t_ns[[0, -1]], week)
+    step = float(np.median(np.diff(t_ns))) / NS_PER_S if len(t_ns) > 1 else float("nan")
+    text = f"{len(t_ns)} epochs, {first:.3f} to {last:.3f} s of week {week} ({last - first:.1f} s), every {step:.4g} s"
+    findings = [Finding("ok", "gnss", text), *_gap_findings(t_ns, week), *_satellite_findings(gnss, config)]
     findings += _duplicate_findings(gnss, starts)
     channels = gnss.glonass_channels if channels is None else channels
     findings += _channel_findings(gnss, channels)
@@ -42,13 +41,6 @@ def gnss_findings(
     rates = rate_findings(gnss, pairs, config.gnss)
     wrong = any(finding.severity == "error" for finding in rates)  # then every epoch would look like a jump
     return findings + rates + ([] if wrong else jump_findings(pairs, t_ns, week))
-
-
-def _span_finding(t_ns: Int64, week: int) -> Finding:
-    first, last = ns_to_week_seconds(t_ns[[0, -1]], week)
-    step = float(np.median(np.diff(t_ns))) / NS_PER_S if len(t_ns) > 1 else float("nan")
-    text = f"{len(t_ns)} epochs, {first:.3f} to {last:.3f} s of week {week} ({last - first:.1f} s), every {step:.4g} s"
-    return Finding("ok", "gnss", text)
 
 
 def _gap_findings(t_ns: Int64, week: int) -> list[Finding]:

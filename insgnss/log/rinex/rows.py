@@ -96,7 +96,9 @@ def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> G
     sv, signal = np.zeros(n, np.int16), np.zeros(n, np.int16)
     columns = {kind: np.full(n, np.nan) for kind in KINDS}
     lli = np.zeros(n)
-    for epochs, layout in zip(_epochs_of(layout_of, len(layouts)), layouts, strict=True):
+    by_layout = np.argsort(layout_of, kind="stable")
+    firsts = np.searchsorted(layout_of[by_layout], np.arange(1, len(layouts)))
+    for epochs, layout in zip(np.split(by_layout, firsts), layouts, strict=False):
         rows = starts[epochs][:, None] + np.arange(len(layout.signals))
         sv[rows] = [sv_names.index(name) for name in layout.satellites]
         signal[rows] = [signal_names.index(name) for name in layout.signals]
@@ -131,12 +133,6 @@ def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> G
         lli=_flags(lli[measured_rows], phase[measured_rows]) if with_phase else None,
         glonass_channels=channels,
     )
-
-
-def _epochs_of(layout_of: Int64, n: int) -> list[Int64]:
-    """Return the epochs of each layout."""
-    order = np.argsort(layout_of, kind="stable")
-    return np.split(order, np.searchsorted(layout_of[order], np.arange(1, n))) if n else []
 
 
 def _matrix(arrays: list[Float64], epochs: Int64, size: int) -> Float64:

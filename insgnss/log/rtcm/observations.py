@@ -137,7 +137,9 @@ class RtcmObservations:
         t_ns, station = times.of(system, seen.epoch_time), seen.reference_station_id
         first, second = _LEGACY_CODES[system]
         for satellite in seen.satellites:
-            sv = _legacy_name(system, satellite.satellite_id)
+            number = satellite.satellite_id
+            is_sbas = system == "G" and number >= _FIRST_SBAS
+            sv = rinex_name("S", number - _FIRST_SBAS + 20) if is_sbas else rinex_name(system, number)
             if not sv:
                 self.unknown[f"{system} satellite {satellite.satellite_id}"] += 1
                 continue
@@ -165,24 +167,14 @@ class RtcmObservations:
 
     def _legacy_lli(self, track: tuple[int, str, str], t_ns: int, indicator: int) -> int:
         """Return 1 where the lock has not lasted since the track's row before."""
-        lock_s = _lock_s(indicator)
+        steps = (factor * indicator - off for below, factor, off in _LOCKS if indicator < below)
+        lock_s = next(steps, _LONGEST_LOCK_S)
         before = self.locks.get(track)
         self.locks[track] = (t_ns, lock_s)
         if before is None:
             return 0
         elapsed_ms = (t_ns - before[0]) // NS_PER_MS
         return int(sidereon.rtcm_derive_lli(before[1] * 1000, max(elapsed_ms, 0), lock_s * 1000, False))
-
-
-def _lock_s(indicator: int) -> int:
-    return next(
-        (factor * indicator - off for below, factor, off in _LOCKS if indicator < below), _LONGEST_LOCK_S
-    )
-
-
-def _legacy_name(system: str, number: int) -> str:
-    is_sbas = system == "G" and number >= _FIRST_SBAS
-    return rinex_name("S", number - _FIRST_SBAS + 20) if is_sbas else rinex_name(system, number)
 
 
 def _satellite(system: str, seen: Any) -> tuple[str, float, float, int | None]:

@@ -119,7 +119,9 @@ def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> t
     channel = np.concatenate((own, own[channels.parent]))
     carrier_hz = _carriers(number, channel)
     pseudorange, doppler = _code_and_doppler(channels, carrier_hz)
-    cycles = _carrier_phase(channels, pseudorange, carrier_hz)
+    msb, lsb = channels.both("carrier_msb"), channels.both("carrier_lsb")
+    cycles = pseudorange * (carrier_hz / C_MPS) + (msb * 65_536 + lsb) * 1e-3
+    cycles[(msb == _CARRIER_MISSING) & (lsb == 0)] = np.nan
     names, sv = _satellites(svid, number)
     codes, signal = _signals(number, flags[channels.epochs()])
     main = channels.both("type") >> 5 == 0
@@ -184,13 +186,6 @@ def _code_and_doppler(channels: _SubBlocks, carrier_hz: Float64) -> tuple[Float6
     doppler_2 = np.where(missing_doppler, np.nan, doppler_1[parent] * ratio + doppler_offset)
     code_1 = np.where(code_mm == 0, np.nan, code_mm * 1e-3)
     return np.concatenate((code_1, code_2)), np.concatenate((doppler_1, doppler_2))
-
-
-def _carrier_phase(channels: _SubBlocks, pseudorange: Float64, carrier_hz: Float64) -> Float64:
-    msb, lsb = channels.both("carrier_msb"), channels.both("carrier_lsb")
-    missing = (msb == _CARRIER_MISSING) & (lsb == 0)
-    cycles = pseudorange * (carrier_hz / C_MPS) + (msb * 65_536 + lsb) * 1e-3
-    return np.where(missing, np.nan, cycles)
 
 
 def _satellites(svid: Int64, number: Int64) -> tuple[tuple[str, ...], Int16]:

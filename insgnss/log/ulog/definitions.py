@@ -103,7 +103,8 @@ def sound_messages(data: bytes) -> tuple[bytes, list[Event]]:
         sound_until = at
         if not jump:
             first = max(start, recent[0][0] + 1 if recent else at + 1)
-            jump = _next_messages(data, first, topics)
+            candidates = (found.start() for found in _CANDIDATE.finditer(data, first))
+            jump = next((place for place in candidates if _follow_each_other(data, place, topics)), -1)
             events.append(_damage(data, at, jump, cut=end > size and not events))
             if 0 < jump < at:
                 sound_until = max((after for _, after in recent if after <= jump), default=recent[0][0])
@@ -120,12 +121,6 @@ def _has_size(kind: int, size: int, topics: set[bytes]) -> bool:
     """Return whether a message may have this size; data need a topic before them."""
     least, most = _SIZES.get(kind, (1, 0))
     return least <= size <= most and (kind != _DATA or bool(topics))
-
-
-def _next_messages(data: bytes, first: int, topics: set[bytes]) -> int:
-    """Return the first place from which messages follow each other, -1 where there is none."""
-    candidates = (candidate.start() for candidate in _CANDIDATE.finditer(data, first))
-    return next((at for at in candidates if _follow_each_other(data, at, topics)), -1)
 
 
 def _follow_each_other(data: bytes, at: int, topics: set[bytes]) -> bool:
