@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import pandas as pd
 import typer
@@ -35,6 +35,10 @@ from insgnss.report.epochs import pseudoranges_used
 from insgnss.results.saving import PAGE_KIND, RUN_KIND, check_file_replaceable, overwriting
 from insgnss.runs.replay import replay as run_replay
 from insgnss.runs.result import FILES, Run
+
+if TYPE_CHECKING:
+    from insgnss.config.filter import FilterConfig
+    from insgnss.results.table_files import TableFormat
 
 _EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
@@ -69,25 +73,37 @@ def replay(
     as_json: AsJson = False,
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
+    with own_errors_told(), overwriting(force):
+        outputs = output, report, table_form(format)
+        asked = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
+        asked |= {"aiding": aiding, "supervise": supervise, "integrity": integrity}
+        run_and_tell(flight, chosen_filter(filter, settings), outputs, asked, force=force, as_json=as_json)
+
+
+def run_and_tell(
+    flight: Path,
+    chosen: FilterConfig,
+    outputs: tuple[Path | None, Path | None, TableFormat],
+    asked: dict[str, Any],
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Run a filter over a flight, save what is wanted, and print the result.
+
+    Parameters
+    ----------
+    outputs : folder of the run, its page, and the form of its tables
+    asked : arguments of ``insgnss.runs.replay.replay``
+    """
     began = time.perf_counter()
     give_back_what_is_freed()
-    with own_errors_told(), overwriting(force):
-        form = table_form(format)
-        wanted = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
-        chosen = chosen_filter(filter, settings)
-        loaded = Flight.load(flight)
-        with overwriting(force, loaded.files()), telling("starting") as tell:
-            check_outputs(output, report)
-            run = run_replay(
-                loaded,
-                chosen,
-                aiding=aiding,
-                supervise=supervise,
-                integrity=integrity,
-                progress=tell,
-                **wanted,
-            )
-            written = write_run(run, output, report, form, tell)
+    output, report, form = outputs
+    loaded = Flight.load(flight)
+    with overwriting(force, loaded.files()), telling("starting") as tell:
+        check_outputs(output, report)
+        run = run_replay(loaded, chosen, progress=tell, **asked)
+        written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)
 
 
@@ -102,7 +118,7 @@ def write_run(
     run: Run,
     output: Path | None,
     report: Path | None,
-    form: Literal["parquet", "csv"],
+    form: TableFormat,
     tell: Callable[[str], None],
 ) -> list[str]:
     """Save a run and draw its page on request; return the files written."""
