@@ -15,7 +15,7 @@ from insgnss.config.imu import ImuColumns as ImuColumns
 from insgnss.config.imu import ImuConfig as ImuConfig
 from insgnss.config.imu import ImuGrade as ImuGrade
 from insgnss.config.key_errors import KeyValueError, require_own_names
-from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable
+from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable, Names3
 from insgnss.config.quantities import Angles as Angles
 from insgnss.config.quantities import AngleSigma as AngleSigma
 from insgnss.config.quantities import Height as Height
@@ -57,8 +57,8 @@ class GnssColumns(LogColumns):
     cn0: ColumnName = "cn0_dbhz"
     sigma_pseudorange: ColumnName = "sigma_pseudorange_m"
     sigma_range_rate: ColumnName = "sigma_range_rate_mps"
-    sat_position: tuple[ColumnName, ColumnName, ColumnName] = ("sat_x_m", "sat_y_m", "sat_z_m")
-    sat_velocity: tuple[ColumnName, ColumnName, ColumnName] = ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps")
+    sat_position: Names3 = ("sat_x_m", "sat_y_m", "sat_z_m")
+    sat_velocity: Names3 = ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps")
     sat_clock: ColumnName = "sat_clock_m"
     sat_clock_drift: ColumnName = "sat_clock_drift_mps"
 
@@ -205,23 +205,13 @@ class GivenStart(StrictModel):
 class ReferenceColumns(LogColumns):
     """Names of the columns of a reference trajectory; all but time and position are optional."""
 
-    position: tuple[ColumnName, ColumnName, ColumnName] = Field(
-        ("lat_deg", "lon_deg", "h_m"), description="latitude, longitude, height"
-    )
-    velocity: tuple[ColumnName, ColumnName, ColumnName] = Field(
-        ("vn", "ve", "vd"), description="north, east, down"
-    )
-    attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
-        ("roll_deg", "pitch_deg", "yaw_deg"), description="roll, pitch, yaw"
-    )
+    position: Names3 = Field(("lat_deg", "lon_deg", "h_m"), description="latitude, longitude, height")
+    velocity: Names3 = Field(("vn", "ve", "vd"), description="north, east, down")
+    attitude: Names3 = Field(("roll_deg", "pitch_deg", "yaw_deg"), description="roll, pitch, yaw")
     quality: ColumnName = Field("quality", description="column of each fix's quality number")
-    sigma_position: tuple[ColumnName, ColumnName, ColumnName] = Field(
-        ("sd_n_m", "sd_e_m", "sd_d_m"), description="north, east, down"
-    )
-    sigma_velocity: tuple[ColumnName, ColumnName, ColumnName] = Field(
-        ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), description="north, east, down"
-    )
-    sigma_attitude: tuple[ColumnName, ColumnName, ColumnName] = Field(
+    sigma_position: Names3 = Field(("sd_n_m", "sd_e_m", "sd_d_m"), description="north, east, down")
+    sigma_velocity: Names3 = Field(("sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), description="north, east, down")
+    sigma_attitude: Names3 = Field(
         ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"), description="roll, pitch, yaw"
     )
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from insgnss.config.log_table import ColumnName, LogColumns, LogTable, require_different
+from insgnss.config.log_table import LogColumns, LogTable, Names3, require_different
 from insgnss.config.quantities import AXES, NotNegative, Positive, Vector3
 from insgnss.config.strict import StrictModel
 
@@ -15,8 +15,8 @@ from insgnss.config.strict import StrictModel
 class ImuColumns(LogColumns):
     """Names of the columns of an inertial log."""
 
-    gyro: tuple[ColumnName, ColumnName, ColumnName] = ("gyro_x", "gyro_y", "gyro_z")
-    accel: tuple[ColumnName, ColumnName, ColumnName] = ("accel_x", "accel_y", "accel_z")
+    gyro: Names3 = ("gyro_x", "gyro_y", "gyro_z")
+    accel: Names3 = ("accel_x", "accel_y", "accel_z")
 
     def tables(self) -> tuple[tuple[str, ...], ...]:
         """Return the names of each file's columns, where the two sensors have files of their own."""

@@ -34,6 +34,7 @@ def _by_number(name: Any) -> Any:
 
 
 ColumnName = Annotated[str, BeforeValidator(_by_number)]
+Names3 = tuple[ColumnName, ColumnName, ColumnName]
 
 
 def _one_or_parts(names: Any, counts: tuple[int, ...]) -> Any:

@@ -16,7 +16,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable
+from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable, Names3
 from insgnss.config.quantities import (
     AXES,
     Angle,
@@ -30,7 +30,6 @@ from insgnss.config.quantities import (
 
 Clock = Literal["gps", "imu"]
 Name = Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_]*)?$", max_length=40)]
-Names3 = tuple[ColumnName, ColumnName, ColumnName]
 Sigmas3 = tuple[Positive, Positive, Positive]
 SpeedUnit = Literal["m/s", "km/h", "mph", "kn"]
 AngleSigmas = tuple[AngleSigma, AngleSigma, AngleSigma]
