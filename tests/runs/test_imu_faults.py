@@ -227,6 +227,17 @@ def test_spikes_once_a_second_cost_one_sample_each(log: SimulatedLog, sensor: st
         assert 0.98 < run.nav[name].iloc[-1] / whole.nav[name].iloc[-1] < 1.15
 
 
+@pytest.mark.parametrize(("sensor", "size"), [("f_b", 20.0), ("w_ib_b", 0.6)])
+def test_spikes_that_may_be_shocks_are_in_the_sigma(log: SimulatedLog, sensor: str, size: float) -> None:
+    """20 m/s^2 for 10 ms every five seconds: 0.2 m/s each time, at a sigma of 0.03 m/s; 0.6 rad/s: 0.3 deg."""
+    values = getattr(log.imu, sensor).copy()
+    values[3000::500, 0] += size
+    run = replayed(flight(turns(), log, imu=dataclasses.replace(log.imu, **{sensor: values})))
+    assert kinds(run).count("imu_spike") == len(values[3000::500])
+    assert not {"reset", "restart", "sensor_suspect", "satellite_suspect"} & set(kinds(run))
+    assert_honest(run, 0.0)
+
+
 @pytest.mark.parametrize("value", [1e6, 1e9, 1e30, 1e100, np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("sensor", ["w_ib_b", "f_b"])
 def test_value_that_no_sensor_gives_costs_one_sample(log: SimulatedLog, sensor: str, value: float) -> None:

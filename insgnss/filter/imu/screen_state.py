@@ -80,6 +80,7 @@ class ScreenRecord(Record):
     left_out: int  # samples left out since the newest one taken
     in_bad_run: int
     spike: int  # samples of the spike since the newest one taken
+    spike_in_doubt: int  # 1: it may be a shock
     in_spike: Annotated[Float64, 6]  # what they would have changed: rotation [rad], velocity [m/s]
     calm: int  # samples since the last one that leapt
     wiggle2: Annotated[Float64, 2]  # mean square of a sample's departure from its neighbours
