@@ -7,6 +7,11 @@ The rows weigh several open headings by the same principle as an epoch does (``h
 vehicle about the vertical through its antenna would change, such as a heading, says itself which one it fits and counts
 in full. Any other row counts only as far as the motion that was shown: at rest the hypotheses' positions and
 velocities differ by noise alone.
+
+A sensor that is wrong is wrong for longer than a reading: one that is late, for as long as the speed changes. The odds
+e that an epoch is wrong altogether therefore hold for its correlation time. A reading whose variance has grown s times,
+as it is one of s in that time, takes from a heading at most -ln(e) / s. Without this limit ten readings a second of a
+wheel speed that was 0.2 s late outvoted the range rates.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import MeasurementError
-from insgnss.filter.headings.headings import turn_about, weigh_headings
+from insgnss.filter.headings.headings import WRONG_EPOCH, turn_about, weigh_headings
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
@@ -28,7 +33,7 @@ from insgnss.filter.own_rows.carrying import doubt_filter
 from insgnss.filter.own_rows.checked_rows import CheckedRow
 from insgnss.filter.own_rows.contradiction import contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Kind
+from insgnss.filter.own_rows.rows import NOT_CARRYING, Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, predict_covariance
@@ -70,6 +75,13 @@ class _Member(NamedTuple):
         """The part of ``variance`` (k,) that is the prediction's."""
         own = np.array([row.single_variance for _, row in self.rows])
         return np.asarray(self.variance - own)
+
+    @property
+    def most_charge(self) -> Float64:
+        """By how much each row (k,) may lower the logarithm of a heading's weight; fixes that carry are epochs."""
+        carry = np.array([kind.carrying != NOT_CARRYING for kind, _ in self.rows])
+        spread = np.array([row.variance / row.single_variance for _, row in self.rows])
+        return np.asarray(-math.log(WRONG_EPOCH) / np.where(carry, 1.0, spread))
 
 
 def use_own_rows(
@@ -116,7 +128,7 @@ def use_own_rows(
             several=len(sound) > 1,
             unused=unused,
         )
-    _weigh(bank, log_likelihood, information, direct, par)
+    _weigh(bank, log_likelihood, information, direct, members[lead].most_charge, par)
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
     watch(bank.head[0], kinds, updates[lead].entries, members[lead].predicted, t_ns)
@@ -293,7 +305,14 @@ def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:
         m.clock_clone += correction[at_clone + CLONE_CLOCK]
 
 
-def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bool, par: Parameters) -> None:
+def _weigh(
+    bank: Bank,
+    log_likelihood: Float64,
+    information: Float64,
+    direct: Bool,
+    most_charge: Float64,
+    par: Parameters,
+) -> None:
     """Weigh the hypotheses by the rows: those that depend on heading in full, the others by the shown motion."""
     if len(bank.state) == 1:
         bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
@@ -301,7 +320,11 @@ def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bo
     judging = ~np.isnan(log_likelihood).any(axis=0)  # a value refused for one says nothing of the others
     for rows, in_full in ((judging & ~direct, False), (judging & direct, True)):
         if rows.any():
-            bank.state["log_likelihood"] = log_likelihood[:, rows].sum(axis=1)
+            likelihood = log_likelihood[:, rows].sum(axis=1)
+            if not bank.head[0].more_than_headings:
+                least = likelihood.max() - most_charge[rows].max()
+                likelihood = np.where(np.isneginf(likelihood), likelihood, np.maximum(likelihood, least))
+            bank.state["log_likelihood"] = likelihood
             bank.state["motion_information"] = information[:, rows].sum(axis=1)
             weigh_headings(bank, par, in_full)
 

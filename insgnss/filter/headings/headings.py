@@ -22,7 +22,7 @@ _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
 _SAME_HEADING_RAD: Final = math.radians(5.0)
 SMALLEST_DIFFERENCE_RAD: Final = 0.02
 FINER: Final = 3  # times as many headings where a motion shows the heading better than they are linear
-_WRONG_EPOCH: Final = 0.01  # odds that the rows of an epoch are wrong together and say nothing of the heading
+WRONG_EPOCH: Final = 0.01  # odds that the rows of an epoch are wrong together and say nothing of the heading
 # squared sigmas of an epoch's rows per rad^2 by which noise that turns with the heading can move them: one for each
 # horizontal axis, if the rows know it better than the accelerometers
 _BY_NOISE: Final = 2.0
@@ -167,7 +167,7 @@ def weigh_headings(bank: Bank, par: Parameters, in_full: bool) -> None:
             state[i].log_weight = -math.inf
             continue
         behind = share * (state[i].log_likelihood - largest)
-        state[i].log_weight += behind if all_of_it else math.log(math.exp(behind) + _WRONG_EPOCH)
+        state[i].log_weight += behind if all_of_it else math.log(math.exp(behind) + WRONG_EPOCH)
     normalise_weights(bank)
 
 
