@@ -15,6 +15,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.engine import FilterEngine
 from insgnss.filter.engine_results import EpochResult, NavState
 from insgnss.filter.epoch_tables import tag_of
+from insgnss.filter.output.writing import N_HYPOTHESES
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
@@ -22,6 +23,7 @@ from insgnss.filter.state import copy_bank
 from insgnss.receiver import SupervisedRun
 from insgnss.receiver.live import LiveSupervision
 from insgnss.receiver.sources import LATEST_SAMPLE_NS, setup_and_satellites
+from insgnss.runs.declared_sigmas import LiveDeclaredSigmas
 from insgnss.runs.installation import LiveInstallation
 from insgnss.runs.integrity.live import LiveProtection, SubFilter
 from insgnss.sensors.live import forget_before, live_sensor, with_own_readings
@@ -105,6 +107,7 @@ class Engine(FilterEngine):
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
         self._installation = LiveInstallation(setup.layout)
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
+        self._declared = LiveDeclaredSigmas(self._setup.own)
         self._protection = LiveProtection(self, self._setup) if integrity else None
 
     def __repr__(self) -> str:
@@ -230,7 +233,7 @@ class Engine(FilterEngine):
         return self._supervision.taken()
 
     def _finish(self, results: list[EpochResult]) -> None:
-        """Look whether the epochs have determined a number of the installation."""
+        """Look whether the epochs have determined a number of the installation, or an error beyond its sigma."""
         super()._finish(results)
         if self._protection is not None:
             self._protection.take_final(results)
@@ -238,6 +241,8 @@ class Engine(FilterEngine):
             if result.out.counts[0].nav:
                 values = self._setup.layout.in_columns(result.out.optional[0])
                 self._done += self._installation.events(result.t_ns, values)
+                n_hypotheses = int(result.out.nav["value"][0, N_HYPOTHESES])
+                self._done += self._declared.events(result.t_ns, values, n_hypotheses)
 
     def _before_epoch(self, epoch: GnssTable) -> None:
         """Pass the epoch and the filter's prediction of it to the supervisor."""

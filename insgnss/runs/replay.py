@@ -33,6 +33,7 @@ from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
 from insgnss.runs.antennas_on_demand import with_antennas
 from insgnss.runs.contradiction import contradiction
+from insgnss.runs.declared_sigmas import beyond_declared
 from insgnss.runs.first_run import Compilation, compiled
 from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
@@ -305,6 +306,7 @@ def _as_run(
             nav, record.reference, week, setup.lever_arm_m if point == "antenna" else None
         )
     settings = run_settings(flight, record.input_hashes, setup)
+    by_states = [*installation_events(nav, settings, week), *beyond_declared(nav, setup.own, week)]
     measurements, satellites = ledger_tables(ledger, record.keys, record.names, week)
     if record.further is not None:
         measurements = record.further(measurements, week)
@@ -312,7 +314,7 @@ def _as_run(
         nav=nav,
         measurements=measurements,
         satellites=satellites,
-        events=event_table(record.events + events + installation_events(nav, settings, week), week),
+        events=event_table(record.events + events + by_states, week),
         errors=errors,
         imu=record.imu[0],
         imu_spectrum=record.imu[1],

@@ -11,11 +11,18 @@ import pytest
 import insgnss
 from insgnss.config.library import find
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
+from insgnss.log.checks.sensor_findings import (
+    _heading,
+    _LocalTrack,
+    _SampledTrack,
+    read_sensor_logs,
+    sensor_findings,
+)
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.gnss_track import solve_track
 from insgnss.runs.simulate import Simulation, simulate
+from tests.sensors.scenes import declared, simulated
 
 SENSORS = """
 [[sensor]]
@@ -136,6 +143,26 @@ def test_wrong_declaration_is_found(
     found = checked(folder, track, change, tmp_path / "f")
     told = " ".join(finding.line() for finding in found[name] if finding.severity != "ok")
     assert advice in told
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "wind_deg", "round_deg", "warned"),
+    [(12.0, 0.0, 360.0, True), (12.0, 0.0, 60.0, False), (0.0, 12.0, 360.0, False), (0.5, 5.0, 360.0, False)],
+)
+def test_heading_turned_on_all_courses_is_the_devices(
+    turn_deg: float, wind_deg: float, round_deg: float, warned: bool
+) -> None:
+    """12 deg: a declination. Wind from the west turns an aircraft to the left going north, to the right going south."""
+    t_s = np.arange(120.0)
+    course = np.radians(round_deg) * t_s / 120.0
+    v_n = 50.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros(120)])
+    place = np.tile([0.8, 0.1, 500.0], (120, 1))
+    yaw = course + np.radians(turn_deg - wind_deg * np.cos(course))
+    config = declared(simulated("heading"))
+    track = _SampledTrack(t_s, yaw[:, None], v_n, place, _LocalTrack(t_s, v_n, place))
+    findings = _heading(config, track)
+    assert [finding.severity for finding in findings] == ["warning" if warned else "ok"]
+    assert ("magnetic north" in findings[0].line()) == warned
 
 
 def test_check_of_a_flight_looks_at_its_sensors(

@@ -56,6 +56,7 @@ NAV_COLUMNS: Final = (
 )
 N_NAV: Final = len(NAV_COLUMNS)
 N_USED: Final = NAV_COLUMNS.index("n_used")
+N_HYPOTHESES: Final = NAV_COLUMNS.index("n_hypotheses")
 
 LEAST_VARIANCE, LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
 

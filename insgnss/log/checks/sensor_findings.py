@@ -190,8 +190,13 @@ def _barometer(config: Any, common: _SampledTrack) -> list[Finding]:
 
 
 def _heading_against_course(
-    config: Any, common: _SampledTrack, heading: Float64, declared: str
+    config: Any, common: _SampledTrack, heading: Float64, declared: str, sigma_deg: float
 ) -> list[Finding]:
+    """Compare headings with the course, ``sigma_deg`` that of a fixed turn as the flight file declares it.
+
+    Wind and current turn a vehicle by an angle that goes with the sine of its course: the mean over the courses is at
+    most the largest angle times the mean of their unit vectors, none on a circle. What is more is the device's.
+    """
     moving = common.speed > _MOVING_MPS
     if moving.sum() < _LEAST_POINTS:
         return [Finding("ok", config.label, "the vehicle does not move: not compared with the course")]
@@ -199,12 +204,13 @@ def _heading_against_course(
     away, spread = _mean_turn(heading[moving] - course)
     _, reversed_spread = _mean_turn(-heading[moving] - course)
     text = f"{away:+.1f} deg against the course of GNSS, spread {spread:.1f} deg"
-    remarks = []
+    crabs_deg = _TURN_DEG * float(abs(np.mean(np.exp(1j * course))))
+    remarks, most_deg = [], min(_TURN_DEG, crabs_deg + 4.0 * sigma_deg + 2.0 * spread)
     if reversed_spread < 0.3 * spread:
         remarks.append("it turns the other way: check its sign or axes")
     elif spread > 2.0 * _TURN_DEG:
         remarks.append("it does not follow the course: check its unit, axes and time")
-    elif abs(away) > _TURN_DEG:
+    elif abs(away) > most_deg:
         remarks.append(f"a fixed turn: {declared}, or the vehicle goes backwards")
     return [_judged(config, text, remarks)]
 
@@ -216,12 +222,19 @@ def _mean_turn(turn: Float64) -> tuple[float, float]:
     return float(np.degrees(mean)), float(np.degrees(np.sqrt(np.mean(rest**2))))
 
 
+def _heading(config: Any, common: _SampledTrack) -> list[Finding]:
+    declared = "give it by offset_deg, or declination_deg where it is from magnetic north"
+    return _heading_against_course(config, common, common.values[:, 0], declared, config.offset_sigma_deg)
+
+
 def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     good = np.isfinite(common.values[:, 2])
     if not good.any():
         return []
     track = _part(common, good)
-    return _heading_against_course(config, track, track.values[:, 2], "give it by mounting_rpy_deg")
+    return _heading_against_course(
+        config, track, track.values[:, 2], "give it by mounting_rpy_deg", config.sigma_deg[2]
+    )
 
 
 def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -243,7 +256,10 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     if straight.sum() >= _LEAST_POINTS:
         level_track, level_m = _part(common, straight), m[straight]
         heading = np.arctan2(-level_m[:, 1], level_m[:, 0]) + np.radians(config.declination_deg)
-        findings = _heading_against_course(config, level_track, heading, "check axes and declination_deg")
+        sigma_deg = np.degrees(config.hard_iron_sigma_ut / config.horizontal_ut)
+        sigma_deg = float(np.hypot(config.declination_sigma_deg, sigma_deg))
+        declared = "check axes and declination_deg"
+        findings = _heading_against_course(config, level_track, heading, declared, sigma_deg)
         level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))
         text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; {total:.1f} uT in all"
         if not 0.5 < level / config.horizontal_ut < 2.0:
@@ -297,9 +313,7 @@ _CHECKS: Final[dict[str, Callable[[Any, _SampledTrack], list[Finding]]]] = {
     "odometer": _odometer,
     "barometer": _barometer,
     "magnetometer": _magnetometer,
-    "heading": lambda config, common: _heading_against_course(
-        config, common, common.values[:, 0], "give it by offset_deg"
-    ),
+    "heading": _heading,
     "attitude": _attitude,
     "position": _position,
     "velocity": _velocity,
