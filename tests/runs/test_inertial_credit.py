@@ -124,7 +124,10 @@ def test_after_a_new_trial_one_failure_is_enough_and_the_wait_doubles() -> None:
     for t_s in range(4):
         credit.is_lost_by_jump(t_s * NS_PER_S, 1e-4, 1e-8)
     assert credit.retry_ns == 303 * NS_PER_S
+    assert not credit.is_lost_by_jump(302 * NS_PER_S, 0.0, 1e-8)  # no more noise, but a longer wait
+    assert credit.retry_ns == 602 * NS_PER_S
     credit.try_again(credit.retry_ns)
     assert (credit.excess, credit.retry_ns) == (0.0, NEVER_NS)
-    assert credit.is_lost_by_jump(400 * NS_PER_S, 1e-4, 1e-8)
-    assert credit.retry_ns == 1000 * NS_PER_S
+    assert credit.is_lost_by_jump(700 * NS_PER_S, 0.0, 1e-8)
+    assert credit.retry_ns == 1300 * NS_PER_S
+    np.testing.assert_allclose(credit.excess, 1e-3 / 3.0 / 1e-8)

@@ -39,9 +39,7 @@ _ARISES_S: Final = 10.0
 class InertialCredit:
     """The failures of the inertial sensors, and the noise that has to be assumed because of them."""
 
-    failures: list[tuple[int, float]] = field(
-        default_factory=list
-    )  # time [ns], share of the variance that explains it
+    failures: list[tuple[int, float]] = field(default_factory=list)  # time [ns], s
     excess: float = 0.0  # of the white noise, as a share of the grade's variance
     retry_ns: int = NEVER_NS  # when the grade's noise is tried again
     wait_s: float = _REMEMBERED_S  # without a failure until then
@@ -61,17 +59,16 @@ class InertialCredit:
     def _is_lost(self, t_ns: int, share: float) -> bool:
         recent = [each for each in self.failures if t_ns - each[0] <= _REMEMBERED_S * NS_PER_S]
         self.failures = [*recent, (t_ns, share)]
-        most = max(share for _, share in self.failures)
-        if len(self.failures) <= _BEARABLE or most == 0.0:
+        most = max(self.excess, *(share for _, share in self.failures))
+        if most == 0.0 or (self.excess == 0.0 and len(self.failures) <= _BEARABLE):
             return False
-        risen = most > self.excess
-        self.excess = max(most, self.excess)
+        risen, self.excess = most > self.excess, most
         self.retry_ns = t_ns + round(self.wait_s * NS_PER_S)
         return risen
 
     def try_again(self, t_ns: int) -> None:
-        """Return to the grade's noise, for as long as no failure follows soon."""
-        self.failures = [(t_ns, share) for _, share in self.failures[-_BEARABLE:]]
+        """Return to the grade's noise, until the next failure if it comes soon."""
+        self.failures = [(t_ns, self.excess)] * _BEARABLE
         self.excess, self.retry_ns = 0.0, NEVER_NS
         self.wait_s *= 2.0
 
