@@ -89,11 +89,12 @@ def _check_accelerometer(
     shown = middle * STANDARD_GRAVITY_MPS2 / SI_PER_UNIT[config.accel_unit]
     if config.values == "increments":
         shown *= mean_ns / NS_PER_S
-    where = "while the sensor is at rest or steady" if at_rest else "in the middle of the log"
+    where = "while the sensor is at rest or in steady motion" if at_rest else "in the middle of the log"
     symptom = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
     fitting = _fitting_units(seen, config, mean_ns, at_rest)
     if not fitting:
-        return [Event(None, "units_suspicion", f"{file}: {symptom}")] if at_rest else []
+        turn = "; a long steady turn would explain it" if middle > 1.0 else ""
+        return [Event(None, "units_suspicion", f"{file}: {symptom}{turn}")] if at_rest else []
     texts = []
     for unit in fitting:
         values = _values_of(unit)
