@@ -43,7 +43,7 @@ def rates(air_s: float, satellite_s: float, reflection_s: float) -> np.ndarray:
 
 
 def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) -> np.ndarray:
-    """Let the pseudoranges of the first epoch have been off by so much beyond their sigma; return what that counts as.
+    """Let the pseudoranges of the first epoch have been off by so much beyond noise and slow error; return what counts.
 
     Each counts at least as much as the mean square of the followed ones, less two sigmas of that mean.
     """
@@ -51,11 +51,12 @@ def reflect(bank: Bank, log: GnssRows, s: EpochWorkspace, size_m: np.ndarray) ->
     variance = s.lines["variance"][:, PSEUDORANGE] = 4.0 + np.arange(k)
     memory, noise = bank.memory[0], NOISE_OF_MEAN * variance
     memory[log.observation["slot"], RANGE_S] = log.epoch_ns[0] * 1e-9
-    square = size_m**2 + np.where(size_m != 0.0, 4.0 * noise, 0.0)
+    stated2 = log.observation["bias_sigma"].astype(np.float64) ** 2
+    square = np.where(size_m != 0.0, size_m**2 + stated2 + 4.0 * noise, 0.0)
     memory[log.observation["slot"], REFLECTION] = np.copysign(np.sqrt(square), size_m)
     memory[log.observation["slot"], REFLECTION_VARIANCE] = NOISE_OF_MEAN
     beyond = 1.0 + 2.0 * np.sqrt(2.0 / max(followed.sum() - 4, 1))
-    of_all = np.mean((square - beyond * noise)[followed]) if followed.any() else 0.0
+    of_all = np.mean((square - stated2 - beyond * noise)[followed]) if followed.any() else 0.0
     return np.copysign(np.sqrt(np.maximum(size_m**2, max(of_all, 0.0))), size_m)
 
 

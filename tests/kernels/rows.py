@@ -16,6 +16,8 @@ from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.reflections import write_reflections
+from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.gnss.observation_rows import N_BANDS
 from tests.kernels import KernelCase
@@ -49,7 +51,7 @@ def range_biases() -> list[Any]:
 
 
 def slow_errors() -> list[Any]:
-    """Return bank and lines of a log with more satellites than places for their slow errors, and a row without any."""
+    """Return bank and lines of a log with more satellites than places for slow errors, reflections, a row without."""
     layout = layout_with(n_offsets=1)
     changed, log, par = bank(layout), rows(layout), parameters(layout)
     changed.slow.S[:, par[0].held[: par[0].n_held]] = np.cos(np.arange(par[0].n_held))
@@ -58,6 +60,11 @@ def slow_errors() -> list[Any]:
     lines = new_epoch(len(SKY), OFFSETS + 1).lines
     for epoch in range(2):
         place_range_biases(changed, par[0], log, epoch, lines)
+    memory = changed.memory[0]
+    memory[:, RANGE_S], memory[:, REFLECTION_VARIANCE] = log.epoch_ns[1] * 1e-9, 0.1
+    memory[:, REFLECTION] = 5.0 * np.cos(np.arange(len(memory)))
+    lines["variance"], par["reflection_rate"] = 4.0, 1.0 / 30.0
+    write_reflections(memory, par[0], log, 1, lines)
     n, held, at = changed.P.shape[1], par[0].held[: par[0].n_held], np.array([DR, DR + 2])
     correct_by_row_without(changed.slow, 4, np.ones(2), at, held, 0.1 * np.cos(np.arange(n)), np.zeros(n))
     return [changed, lines]

@@ -31,6 +31,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.integrity import UNKNOWNS
@@ -76,7 +78,8 @@ def write_reflections(memory: Float64, par: Parameters, rows: GnssRows, epoch: i
 @kernel(inline=True)
 def beyond_slow_error(own: Float64, row: Observation) -> float:
     """Return m^2 - s^2 [m^2]: how far a satellite's mean residual exceeds its stated slow error."""
-    return float(own[REFLECTION] * own[REFLECTION] - row.bias_sigma * row.bias_sigma)
+    stated = np.float64(row.bias_sigma)
+    return float(own[REFLECTION] * own[REFLECTION] - stated * stated)
 
 
 @kernel(inline=True)
