@@ -13,8 +13,8 @@ then follows the satellites, with a wide attitude. After five minutes without a 
 noise. One failure within the next five minutes is enough then, and the wait doubles.
 
 A single fault of a sensor is two failures: that a sensor has failed, and which. In a simulated flight of ten minutes
-with wrong units, signs or axes (11 cases) the filter was 0.1 to 10 km off at 100 to 1000 sigma without this rule, until
-the end; with it for three minutes at most.
+with wrong units, signs or axes (11 cases) the filter was 0.1 to 25 km off at 100 to 1000 sigma again and again; with
+this rule only until the fourth failure, 30 to 280 s after the start, and for up to 100 s of a new trial.
 """
 
 from __future__ import annotations
