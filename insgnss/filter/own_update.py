@@ -128,7 +128,7 @@ def use_own_rows(
             several=len(sound) > 1,
             unused=unused,
         )
-    _weigh(bank, log_likelihood, information, direct, members[lead].most_charge, par)
+    _weigh(bank, log_likelihood, information, direct, members[lead], par)
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
     watch(bank.head[0], kinds, updates[lead].entries, members[lead].predicted, t_ns)
@@ -310,7 +310,7 @@ def _weigh(
     log_likelihood: Float64,
     information: Float64,
     direct: Bool,
-    most_charge: Float64,
+    leader: _Member,
     par: Parameters,
 ) -> None:
     """Weigh the hypotheses by the rows: those that depend on heading in full, the others by the shown motion."""
@@ -322,7 +322,7 @@ def _weigh(
         if rows.any():
             likelihood = log_likelihood[:, rows].sum(axis=1)
             if not bank.head[0].more_than_headings:
-                least = likelihood.max() - most_charge[rows].max()
+                least = likelihood.max() - leader.most_charge[rows].max()
                 likelihood = np.where(np.isneginf(likelihood), likelihood, np.maximum(likelihood, least))
             bank.state["log_likelihood"] = likelihood
             bank.state["motion_information"] = information[:, rows].sum(axis=1)

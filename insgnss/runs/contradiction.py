@@ -6,6 +6,7 @@ from typing import Final
 
 import pandas as pd
 
+from insgnss.filter.diagnosis.inertial_credit import DISTRUSTED
 from insgnss.tables import Event
 
 KIND: Final = "logs_contradict"
@@ -19,7 +20,6 @@ MOST_HIDDEN: Final = 2.0 / 3.0
 # One fault has two or three events: that something has failed, and what it is
 SUSPECTS: Final = ("sensor_suspect", "time_tag_suspect")
 MOST_SUSPICIONS: Final = 3
-DISTRUSTED: Final = "imu_distrusted"
 # Satellites fail one by one: where most of them drift away from the others, the fault is what they have in common
 MOST_DRIFTING: Final = 0.5
 WITHIN_S: Final = 300.0
@@ -58,7 +58,7 @@ def contradiction(
     if suspicions > MOST_SUSPICIONS:
         signs.append(f"it suspected the inertial sensors or the time tags {suspicions} times")
     if (events["kind"] == DISTRUSTED).any():
-        signs.append("its inertial samples failed again and again")
+        signs.append("it no longer trusted the inertial samples")
     drifting, of = _most_drifting(measurements)
     if of >= LEAST_SATELLITES and drifting > MOST_DRIFTING * of:
         signs.append(

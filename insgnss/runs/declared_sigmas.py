@@ -20,7 +20,7 @@ from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.runs.installation import PLAUSIBLE
 from insgnss.sensors.sensor_measurement import SensorMeasurement
-from insgnss.tables import Event, Float64
+from insgnss.tables import Bool, Event, Float64, Int64
 
 
 class _SensorState(NamedTuple):
@@ -37,10 +37,15 @@ class _SensorState(NamedTuple):
             return np.full_like(since_s, max(self.block.sigma, process.sigma), dtype=np.float64)
         return np.asarray(np.sqrt(self.block.sigma**2 + process.variance_per_s * np.asarray(since_s)))
 
-    def event(self, t_ns: int, column: str, value: float, sigma: float) -> Event:
+    def is_beyond(self, value: Float64 | float, since_s: Float64 | float, n_hypotheses: Int64 | int) -> Bool:
+        """Return whether an estimate is beyond four declared sigmas, with one heading left."""
+        return np.asarray((np.abs(value) > PLAUSIBLE * self.sigma(since_s)) & (np.asarray(n_hypotheses) == 1))
+
+    def event(self, t_ns: int, column: str, value: float, since_s: float) -> Event:
         """Return the event of an estimate beyond its sigma."""
+        sigmas = abs(value) / float(self.sigma(since_s))
         detail = (
-            f"'{self.name}' is off by more than declared: {column} is {value:+.3g}, {abs(value) / sigma:.0f} times the"
+            f"'{self.name}' is off by more than declared: {column} is {value:+.3g}, {sigmas:.0f} times the"
             f" sigma of the flight file; attitude, position or velocity may be wrong with it; look for: {self.hint}"
         )
         return Event(t_ns, "sensor_beyond_sigma", detail)
@@ -65,12 +70,12 @@ def beyond_declared(nav: pd.DataFrame, own: OwnMeasurements | None, week: int) -
         if column not in nav or not len(nav):
             continue
         time_s, value = nav["time_s"].to_numpy(), nav[column].to_numpy()
-        sigma = state.sigma(time_s - time_s[0])
-        beyond = (np.abs(value) > PLAUSIBLE * sigma) & (nav["n_hypotheses"].to_numpy() == 1)
+        since_s = time_s - time_s[0]
+        beyond = state.is_beyond(value, since_s, nav["n_hypotheses"].to_numpy())
         if beyond.any():
             k = int(np.argmax(beyond))
             t_ns = int(week_seconds_to_ns(week, float(time_s[k])))
-            events.append(state.event(t_ns, column, float(value[k]), float(sigma[k])))
+            events.append(state.event(t_ns, column, float(value[k]), float(since_s[k])))
     return events
 
 
@@ -87,9 +92,8 @@ class LiveDeclaredSigmas:
         self._first_ns = t_ns if self._first_ns is None else self._first_ns
         new_events = []
         for column, state in list(self._open.items()):
-            sigma = float(state.sigma((t_ns - self._first_ns) / NS_PER_S))
-            value = float(values.get(column, math.nan))
-            if n_hypotheses == 1 and abs(value) > PLAUSIBLE * sigma:
+            since_s, value = (t_ns - self._first_ns) / NS_PER_S, float(values.get(column, math.nan))
+            if state.is_beyond(value, since_s, n_hypotheses):
                 del self._open[column]
-                new_events.append(state.event(t_ns, column, value, sigma))
+                new_events.append(state.event(t_ns, column, value, since_s))
         return new_events

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
-from insgnss.filter.diagnosis.inertial_credit import NEVER_NS, TRY_AGAIN, InertialCredit
+from insgnss.filter.diagnosis.inertial_credit import TRY_AGAIN, InertialCredit
 from insgnss.filter.diagnosis.jumps import GYRO
 from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import FilterHistory
@@ -94,8 +94,6 @@ class FilterHealth:
             due_ns = min(due_ns, self.past.due_ns)  # a stream keeps the filter then, too
             if self.past.unclear_ns:
                 due_ns = min(due_ns, int(bank.head[0].doubted_ns))
-        elif due_ns == NEVER_NS:
-            return last
         return min(max(int(np.searchsorted(rows.epoch_ns, due_ns)), epoch) + 1, last)
 
     def is_due(self, bank: Bank, code: int, t_ns: int) -> bool:

@@ -28,6 +28,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.tables import Event
 from insgnss.units import mps_per_sqrt_s_to_mps_per_sqrt_h, rad_per_sqrt_s_to_deg_per_sqrt_h
 
+DISTRUSTED: Final = "imu_distrusted"
 TRY_AGAIN: Final = "the inertial sensors are tried again with the noise of their grade"
 NEVER_NS: Final = 2**63 - 1
 _BEARABLE: Final = 3  # failures
@@ -82,4 +83,4 @@ class InertialCredit:
             f" {mps_per_sqrt_s_to_mps_per_sqrt_h(accel):.3g} m/s/sqrt(h); 'insgnss check FLIGHT' looks for wrong units,"
             " signs and axes"
         )
-        return Event(t_ns, "imu_distrusted", detail)
+        return Event(t_ns, DISTRUSTED, detail)

@@ -55,10 +55,11 @@ def information_bits(words: list[int]) -> int:
     return message
 
 
-def header(subframe: int) -> tuple[int, int] | None:
-    """Return a subframe's number and its second of the BeiDou week, None if it is not a subframe."""
+def header(broadcast: Broadcast, message: str, subframe: int) -> tuple[int, int] | None:
+    """Return a subframe's number and its second of the BeiDou week; anything else is counted, and None."""
     number, sow = unsigned(subframe, LENGTH, 15, 3), unsigned(subframe, LENGTH, 18, 20)
     if unsigned(subframe, LENGTH, 0, 11) != PREAMBLE or not 1 <= number <= 5 or sow >= 604_800:
+        broadcast.refused[f"{message} subframe without its preamble, number or time"] += 1
         return None
     return number, sow
 
@@ -125,9 +126,8 @@ class D1Messages:
 
     def add(self, sv: str, subframe: int, near_ns: int | None) -> None:
         """Take the 224 information bits of a subframe."""
-        number_and_time = header(subframe)
+        number_and_time = header(self._broadcast, "D1", subframe)
         if number_and_time is None:
-            self._broadcast.refused["D1 subframe without its preamble, number or time"] += 1
             return
         number, sow = number_and_time
         start = sow - _SUBFRAME_S * (number - 1)
@@ -170,9 +170,8 @@ class D2Messages:
 
     def add(self, sv: str, subframe: int, near_ns: int | None) -> None:
         """Take the 224 information bits of a subframe."""
-        number_and_time = header(subframe)
+        number_and_time = header(self._broadcast, "D2", subframe)
         if number_and_time is None:
-            self._broadcast.refused["D2 subframe without its preamble, number or time"] += 1
             return
         number, sow = number_and_time
         if number != 1:

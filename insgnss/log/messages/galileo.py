@@ -107,7 +107,7 @@ _INAV_LAYOUTS: Final = {1: _ORBIT_1, 2: _ORBIT_2, 3: _ORBIT_3, 4: _CLOCK, 5: _ST
 
 
 def word_of_pages(even: int, odd: int) -> int | str:
-    """Return the 128 bits of a word from its two page parts of 120 bits, or the reason why there is no word."""
+    """Return the 128 bits of a word, joined from two page parts of 120 bits; a text says why they are refused."""
     if unsigned(even, PAGE_LENGTH, 0, 1) != 0 or unsigned(odd, PAGE_LENGTH, 0, 1) != 1:
         return "I/NAV page with its parts not in order"
     if unsigned(even, PAGE_LENGTH, 1, 1) or unsigned(odd, PAGE_LENGTH, 1, 1):
