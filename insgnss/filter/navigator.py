@@ -36,7 +36,6 @@ from insgnss.filter.loop import (
 )
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
 from insgnss.filter.own_rows.carrying import doubt_events
-from insgnss.filter.own_rows.contradiction import changes, contradicting
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.watch import RefusalWatch
 from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
@@ -181,10 +180,8 @@ class Navigator:
             work = self.workspace(rows)
             run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
             own, head = self.setup.own, self.bank.head[0]
-            contradicted = contradicting(head, own.kinds)
             update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
-            self.events += changes(contradicted, head, own.kinds, t_ns)
-            self.events += doubt_events(head, own.kinds, t_ns)
+            self.events += [*update.events, *doubt_events(head, own.kinds, t_ns)]
             self.events += self.watch.take(own, t_ns, update.entries)
             self.own[t_ns] = update.entries
             if not is_sound(self.bank.state[head.leader], self.bank.P[head.leader]):

@@ -31,10 +31,11 @@ from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.carrying import doubt_filter
 from insgnss.filter.own_rows.checked_rows import CheckedRow
-from insgnss.filter.own_rows.contradiction import contradicting, watch
+from insgnss.filter.own_rows.contradiction import changes, contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import NOT_CARRYING, Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
+from insgnss.filter.own_rows.steps import open_steps
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, predict_covariance
 from insgnss.filter.receiver_time import rows_at_their_time
@@ -53,7 +54,7 @@ from insgnss.filter.update.slow_errors import correct_by_row_without
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED
-from insgnss.tables import Bool, Float64
+from insgnss.tables import Bool, Event, Float64
 
 
 class OwnUpdate(NamedTuple):
@@ -61,6 +62,8 @@ class OwnUpdate(NamedTuple):
 
     entries: list[OwnEntry]  # of the hypothesis that led before
     correction: Float64  # (n,) what was added to its state
+    stepped: tuple[int, ...] = ()  # places of the sensors' own errors that have stepped
+    events: tuple[Event, ...] = ()
 
 
 class _Member(NamedTuple):
@@ -131,9 +134,13 @@ def use_own_rows(
     _weigh(bank, log_likelihood, information, direct, members[lead], par)
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
-    watch(bank.head[0], kinds, updates[lead].entries, members[lead].predicted, t_ns)
+    entries = updates[lead].entries
+    watch(bank.head[0], kinds, entries, members[lead].predicted, t_ns)
     doubt_filter(bank, kinds, {i: update.entries for i, update in updates.items()}, t_ns)
-    return updates[lead]
+    rows = {i: member.rows for i, member in members.items()}
+    steps = open_steps(bank, entries, rows, layout, t_ns)
+    events = (*changes(unused, bank.head[0], kinds, t_ns), *(step.event for step in steps))
+    return updates[lead]._replace(stepped=tuple(step.place for step in steps), events=events)
 
 
 def _estimate(m: StateRecord, t_ns: int, setup: FilterSetup, imu: ImuSamples, k: int) -> StateEstimate:

@@ -36,7 +36,7 @@ N_OF_SATELLITE: Final = 2  # slow errors of each satellite: of its message, and 
 MAX_SLOW: Final = N_PATTERNS + N_OF_SATELLITE * MAX_RANGE_BIASES  # each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 MAX_WATCHED: Final = (
-    8  # kinds of own rows that are watched for contradictions, and as many that carry the filter
+    8  # kinds of own rows that are watched for contradictions, that carry the filter, and whose errors step
 )
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
@@ -171,6 +171,8 @@ class HeadRecord(Record):
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
     own_reach: Annotated[Float64, MAX_WATCHED]  # largest variance of a prediction that may be agreed with
+    own_refused: Annotated[Int64, MAX_WATCHED]  # readings refused in a row, of a sensor whose error may step
+    own_refused_ns: Annotated[Int64, MAX_WATCHED]  # when the first of them came
     # of own rows that carry the filter (``own_rows.carrying``)
     carried_ns: Annotated[Int64, MAX_WATCHED]  # when they last came; 0: never
     inertial_noise: Annotated[Float64, MAX_WATCHED]  # logarithm of the inertial noise over that of the grade

@@ -5,7 +5,7 @@
 The pressure becomes an altitude by the standard atmosphere when it is read. The offset holds the day's pressure at sea
 level and the geoid (30 m are usual, 100 m occur) and wanders as a Gauss-Markov process; a temperature that is not the
 standard one makes every difference of height wrong by the same share, the scale. Gusts and draught through a
-window are noise while they are short; a longer one is refused by the gate until the offset's own drift explains it.
+window are noise while they are short; a longer one is refused and becomes a step of the offset (``own_rows.steps``).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class BarometerMeasurement(SensorMeasurement[Barometer]):
     """A barometer's rows, its offset and its scale."""
 
     unit: ClassVar[str] = "m"
+    stepping: ClassVar[str] = "offset"
     hint: ClassVar[str] = "a window or ventilation that moves the pressure; its unit, time and port"
 
     def states(self) -> tuple[StateBlock, ...]:

@@ -37,6 +37,7 @@ class SensorMeasurement(Generic[Config]):
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused
+    stepping: ClassVar[str] = ""  # which of its own states may step
     together: ClassVar[bool] = True  # one component out of its gate refuses the whole reading
 
     @property
@@ -53,6 +54,11 @@ class SensorMeasurement(Generic[Config]):
     def clock(self) -> str:
         """Whose time its tags are: "gps" or "imu"."""
         return self.config.clock
+
+    @property
+    def steps(self) -> str:
+        """Name of its state whose value may step; empty: none."""
+        return f"{self.name}_{self.stepping}" if self.stepping else ""
 
     @property
     def live(self) -> bool:

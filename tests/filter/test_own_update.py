@@ -269,7 +269,15 @@ BAD_KINDS = {
     "a gate of zero": (giving((), gate_sigma=0.0), "gate_sigma"),
 }
 
-WRONG_TYPES = {"watched": "yes", "carrying": 1, "together": "no", "unit": 3, "hint": None, "unlikely": 0.5}
+WRONG_TYPES = {
+    "watched": "yes",
+    "carrying": 1,
+    "together": "no",
+    "unit": 3,
+    "hint": None,
+    "steps": True,
+    "unlikely": 0.5,
+}
 
 
 @pytest.mark.parametrize("key", WRONG_TYPES)

@@ -20,7 +20,7 @@ from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY
 from tests.filter.test_engine import epochs
 from tests.runs.scenes import true_start, turns, with_faults
-from tests.sensors.scenes import flown, simulated, with_sensors
+from tests.sensors.scenes import fault, flown, simulated, with_sensors
 
 SENSORS = (
     simulated("odometer", rate_hz=2.0, noise_time_s=1.0),
@@ -30,9 +30,9 @@ SENSORS = (
 
 
 def made(seconds: float = 30.0) -> FlightInMemory:
-    """Return a flight with an outage in its middle."""
+    """Return a flight with an outage in its middle, and a draught at the barometer that ends in it."""
     base = with_faults(turns(seconds), [outage(None, 0.4 * seconds, 0.4 * seconds + 8.0)])
-    base = with_sensors(base, SENSORS)
+    base = with_sensors(base, SENSORS, [fault("draught", 0.3 * seconds, 0.55 * seconds)])
     return flown(base, 1, true_start(base, 2.0))
 
 

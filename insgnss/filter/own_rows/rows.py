@@ -32,6 +32,7 @@ from insgnss.tables import Int64
 
 NOT_WATCHED: Final = -1
 NOT_CARRYING: Final = -1
+NOT_STEPPING: Final = -1
 _SHORTEST_PERIOD_NS: Final = 1_000_000
 # the ledger's other kinds
 BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_difference")
@@ -67,6 +68,8 @@ class Measurement(Protocol):
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``).
+    - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
+      opened: readings refused one after the other let the state be estimated anew (``own_rows.steps``).
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
@@ -104,6 +107,8 @@ class Kind:
     period_ns: int = 0  # of ticks without end; 0: none
     watch: int = NOT_WATCHED  # its place among those that are watched
     carrying: int = NOT_CARRYING  # its place among those that carry the filter
+    steps: str = ""  # its state whose value may step
+    stepping: int = NOT_STEPPING  # its place among those that have one
     unlikely: Callable[[StateEstimate], float] | None = None
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
@@ -176,7 +181,7 @@ def own_measurements(
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
         positive; a setting is not of its type; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands
-        beside ``period_ns``; more than 8 kinds are watched, or more than 8 carry; not a list
+        beside ``period_ns``; more than 8 kinds are watched, carry or step; not a list
     """
     given: Any = measurements
     if not isinstance(given, Sequence):
@@ -192,10 +197,13 @@ def own_measurements(
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     times_ns = np.unique(np.concatenate([kind.times_ns for kind in kinds]))
-    watched, carrying = _places(kinds, "watched"), _places(kinds, "carrying")
+    watched, carrying, stepping = (_places(kinds, wish) for wish in ("watched", "carrying", "steps"))
     kinds = tuple(
         replace(
-            kind, watch=watched.get(kind.name, NOT_WATCHED), carrying=carrying.get(kind.name, NOT_CARRYING)
+            kind,
+            watch=watched.get(kind.name, NOT_WATCHED),
+            carrying=carrying.get(kind.name, NOT_CARRYING),
+            stepping=stepping.get(kind.name, NOT_STEPPING),
         )
         for kind in kinds
     )
@@ -203,12 +211,12 @@ def own_measurements(
 
 
 def _places(kinds: Iterable[Kind], wish: str) -> dict[str, int]:
-    """Return the places of the kinds whose measurement has an attribute ``wish`` that is True."""
+    """Return the places of the kinds whose measurement has an attribute ``wish`` that is True or not empty."""
     names = [kind.name for kind in kinds if getattr(kind.source, wish, False)]
     if len(names) > MAX_WATCHED:
         raise MeasurementError(
-            f"{len(names)} measurements have {wish} = True: {', '.join(names)}",
-            advice=f"at most {MAX_WATCHED} can be {wish}; set {wish} = False for the others",
+            f"{len(names)} measurements have '{wish}' set: {', '.join(names)}",
+            advice=f"at most {MAX_WATCHED} can have it; leave it out for the others",
         )
     return {name: place for place, name in enumerate(names)}
 
@@ -231,7 +239,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
     if name in BUILT_IN:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
     _check_settings(name, source)
-    unit, hint = (getattr(source, key, "") for key in ("unit", "hint"))
+    unit, hint, steps = (getattr(source, key, "") for key in ("unit", "hint", "steps"))
     together = getattr(source, "together", False)
     period_ns = _checked_period(name, source)
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
@@ -245,6 +253,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         gate2,
         unit,
         period_ns,
+        steps=steps,
         unlikely=unlikely,
         together=together,
         hint=hint,
@@ -256,7 +265,7 @@ def _check_settings(name: str, source: Measurement) -> None:
     """Refuse a setting of a measurement that is not of its type."""
     wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
         **dict.fromkeys(("watched", "carrying", "together"), (_is_truth_value, "True or False")),
-        **dict.fromkeys(("unit", "hint"), (_is_text, "a text")),
+        **dict.fromkeys(("unit", "hint", "steps"), (_is_text, "a text")),
         "unlikely": (_is_function_or_none, "a function of the state, or None"),
         "clock": (lambda value: value in ("gps", "imu"), '"gps" or "imu"'),
     }

@@ -66,7 +66,7 @@ def gone_over_alone(
     work = setup.workspace(max(largest, 1))
 
     def own_step(step: OwnUpdate) -> None:
-        chain.append(keep_own(bank, step.correction, linked=True, fits=True))
+        chain.append(keep_own(bank, step, linked=True, fits=True))
 
     for rows in phase.epochs:
         out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_shown)

@@ -102,7 +102,7 @@ class Smoother:
             self._began_ns = self.navigator.started_ns
         if self._phase is None and len(bank.state) == 1:
             fits = self.kept[-1].fits if self.kept else True
-            self.kept.append(keep_own(bank, update.correction, linked=self._linked, fits=fits))
+            self.kept.append(keep_own(bank, update, linked=self._linked, fits=fits))
             self._linked = True
 
     def _take_before_antennas(self, bank: Bank) -> None:
@@ -177,7 +177,8 @@ class Smoother:
         scratch = new_scratch(last.P.shape[1])
         carry_bank(last, int(self.imu.t_ns[-1]), self.imu, parameters[0], scratch)
         predict_covariance(last.state[0], last.P[0], parameters[0], scratch)
-        self._end = keep_own(last, np.zeros(len(last.P[0])), linked=True, fits=True), cut
+        nothing = OwnUpdate([], np.zeros(len(last.P[0])))
+        self._end = keep_own(last, nothing, linked=True, fits=True), cut
 
     def finish(self, out: Output, after: SmoothedEpoch | None = None) -> SmoothedEpoch | None:
         """Write the navigation rows of everything that ``forward`` kept, from the backward pass.

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.heading_bank import difference
 from insgnss.filter.layout import Layout
+from insgnss.filter.own_update import OwnUpdate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, EpochWorkspace
@@ -46,7 +47,7 @@ class FilteredEpoch(NamedTuple):
     correction: Float64  # (q,) what its update added to the prediction
     clone: Float64  # (N_CLONE, q) rows of the covariance that the epoch before had after the update
     linked: bool = False  # whether it follows from the epoch kept before it
-    stepped: tuple[int, ...] = ()  # states of the clock that stepped in between
+    stepped: tuple[int, ...] = ()  # states that stepped in between: the clock's, a sensor's own error
     reset: bool = False  # whether the filter was set right at it
     anew: bool = False  # whether it began at it, and what comes before is another filter's
     fits: bool = True  # whether the filter agreed with it
@@ -80,10 +81,11 @@ def keep(bank: Bank, work: EpochWorkspace, layout: Layout, **told: Any) -> Filte
     return FilteredEpoch(one_hypothesis(bank.state, bank.P, bank.head), vectors[0, :q].copy(), clone, **told)
 
 
-def keep_own(bank: Bank, correction: Float64, *, linked: bool, fits: bool) -> FilteredEpoch:
+def keep_own(bank: Bank, update: OwnUpdate, *, linked: bool, fits: bool) -> FilteredEpoch:
     """Return the filter as a user's own rows have left it."""
-    alone = one_hypothesis(bank.state, bank.P, bank.head)
-    return FilteredEpoch(alone, correction.copy(), np.zeros((0, 0)), linked=linked, fits=fits, is_own=True)
+    alone, clone = one_hypothesis(bank.state, bank.P, bank.head), np.zeros((0, 0))
+    step = update.correction.copy()
+    return FilteredEpoch(alone, step, clone, linked, update.stepped, fits=fits, is_own=True)
 
 
 def kept_as_opened(bank: Bank) -> FilteredEpoch:

@@ -118,9 +118,10 @@ EVENTS: Final = Sheet(
 time_s: seconds of the GPS week; empty if the event concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
   its sigma has fallen to a fifth of the declared one); of further sensors sensor_refused (for ten
-  seconds and more), sensor_agrees (again), sensor_frozen, sensor_beyond_sigma (an error of four times
-  what the flight file declares), sensor_bad_values, sensor_no_overlap,
-  sensor_readings_left_out, sensor_rows_without_reading (other logs share the file), ...; filter_doubted
+  seconds and more), sensor_agrees (again), sensor_stepped (its own error, a barometer's offset),
+  sensor_frozen, sensor_beyond_sigma (an error of four times what the flight file declares),
+  sensor_bad_values, sensor_no_overlap, sensor_readings_left_out, sensor_rows_without_reading (other
+  logs share the file), ...; filter_doubted
   (without raw GNSS data: the fixes show three times the inertial noise of the grade), filter_agrees (again)
 detail: the event in a sentence, with numbers
 """,
