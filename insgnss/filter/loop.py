@@ -63,6 +63,10 @@ _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
 _UNCERTAIN_APART_S = 10.0
 _NOISY: Final = 9.0  # times the variance before: of less the sigmas alone give notice
+_MANY = 7  # pseudoranges that place the filter ...
+_FEW_REFUSED = 9  # ... if of ten at most one is refused
+_RATES = 4  # range rates that measure a velocity
+_WAY_S = 3.0  # longer from one epoch to the next they do not measure the way
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
@@ -191,6 +195,7 @@ def run_epochs(
             note_sideslip(head, bank.state[0], bank.P[0], t_ns)
         if k < imu.unknown.shape[0] and imu.unknown[k, 0] > 0.0:
             widen_velocity(bank, imu.unknown[k, 0], par)
+        note_place(head, done, t_ns)
         head.epoch_step_ns = t_ns - head.epoch_ns
         head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
@@ -223,6 +228,16 @@ def run_epochs(
         if is_open_again(bank, par.widest_heading_variance):
             return HEADING_OPEN, epoch + 1
     return DONE, epochs[1]
+
+
+@kernel(inline=True)
+def note_place(head: HeadRecord, done: UpdateOutcome, t_ns: int) -> None:
+    """Note when many pseudoranges last agreed with the position; forget it where range rates stop measuring the way."""
+    late = (t_ns - head.epoch_ns) * 1e-9 > _WAY_S
+    if late or done.rates_used < _RATES or done.rates_refused > done.rates_used:
+        head.placed_ns = 0
+    if done.ranges_used >= _MANY and _FEW_REFUSED * done.ranges_refused <= done.ranges_used:
+        head.placed_ns = t_ns
 
 
 @kernel(inline=True)

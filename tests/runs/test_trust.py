@@ -14,6 +14,7 @@ from functools import cache
 import pytest
 
 from tests.benchmarks.trust.expected import LATER, NOW
+from tests.benchmarks.trust.flying import fly
 from tests.benchmarks.trust.lines import LINES
 from tests.benchmarks.trust.running import one
 from tests.benchmarks.trust.scoring import FAILED, Verdict, judged, needless
@@ -58,3 +59,14 @@ def test_every_mark_names_checks_that_there_are() -> None:
 def test_marks_of_expected_failures_have_no_equal() -> None:
     marks = [(mark.rows, mark.checks) for mark in (*LATER, *NOW)]
     assert len(set(marks)) == len(marks)
+
+
+@pytest.mark.slow
+def test_four_wrong_satellites_of_eight_move_no_filter_that_more_have_placed() -> None:
+    """Three sound ones are behind the wing for half a minute; the other eight agree on a place 113 m away."""
+    run = fly(all_rows()["fault_four_ranges"], 45004).run
+    assert run.errors is not None
+    off = run.errors[["d_n_m", "d_e_m", "d_d_m"]].to_numpy()
+    sigma = run.errors[["sd_n_m", "sd_e_m", "sd_d_m"]].to_numpy()
+    assert abs(off / sigma).max() < 4.0
+    assert "reset" not in set(run.events["kind"])

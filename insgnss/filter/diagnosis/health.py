@@ -255,7 +255,7 @@ class FilterHealth:
         """Replace the filter by the copy that the rows support; restart if that does not last."""
         health = self.setup.config.health
         self.past = self.past.forgotten()
-        new_bank.head["renewed_ns"] = t_ns
+        new_bank.head["renewed_ns"], new_bank.head["placed_ns"] = t_ns, 0
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
         self.resets_ns = [*recent, t_ns]
         moved_m = float(np.linalg.norm(new_bank.state["r_e"][0] - bank.state["r_e"][0]))

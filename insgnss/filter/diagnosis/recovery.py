@@ -13,6 +13,7 @@ not jump.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -44,6 +45,8 @@ _LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
 _CONTRADICTS2: Final = 16.0  # four sigmas of both
+_SIGMAS: Final = 4.0
+_PLACE_M: Final = 5.0  # by which a place may be wrong that many pseudoranges have shown
 _ELSEWHERE2: Final = 400.0  # twenty: reflections do not agree on another place and on another velocity
 _LOST: Final = 0.25  # share of the rows that still fit a filter which is lost
 _LATE: Final = 3  # epochs in a row that say so
@@ -192,8 +195,10 @@ class RecoveryTest:
         """Return whether a copy still contradicts the filter, half a minute after its fix did."""
         if elapsed_s < _CONFIRM_S:
             return False
-        lead = int(filter_bank.head[0].leader)
-        return contradiction2(filter_bank, lead, self.bank, self._likeliest(members)) > _CONTRADICTS2
+        lead, likeliest = int(filter_bank.head[0].leader), self._likeliest(members)
+        if contradiction2(filter_bank, lead, self.bank, likeliest) <= _CONTRADICTS2:
+            return False
+        return not is_ruled_out(filter_bank, lead, self.bank, likeliest)
 
     def _taken(self, filter_bank: Bank, members: Int64) -> Bank:
         """Return a group of copies as a bank of its own, at the filter's time."""
@@ -260,6 +265,23 @@ def contradiction2(one: Bank, i: int, other: Bank, j: int, name: str = "r_e", at
     d = other.state[name][j] - one.state[name][i]
     block = slice(at, at + 3)
     return float(d @ np.linalg.solve(one.P[i, block, block] + other.P[j, block, block], d))
+
+
+def is_ruled_out(one: Bank, i: int, other: Bank, j: int) -> bool:
+    """Return whether a vehicle cannot be at another hypothesis' place: it was at this one's, and the way is measured.
+
+    Nearly all of many pseudoranges agreed with the place at some time, and range rates have measured the velocity ever
+    since. By what both velocities differ, and four sigmas of it, the vehicle may have moved away in that time.
+    """
+    head = one.head[0]
+    if head.placed_ns == 0:
+        return False
+    seconds = (head.now_ns - head.placed_ns) / NS_PER_S
+    apart_m = np.linalg.norm(other.state["r_e"][j] - one.state["r_e"][i])
+    apart_mps = np.linalg.norm(other.state["v_e"][j] - one.state["v_e"][i])
+    block = slice(DV, DV + 3)
+    sigma_mps = math.sqrt(np.trace(one.P[i, block, block] + other.P[j, block, block]))
+    return bool(apart_m > (apart_mps + _SIGMAS * sigma_mps) * seconds + _SIGMAS * _PLACE_M)
 
 
 def _share(status: Int64) -> float:
