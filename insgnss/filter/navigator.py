@@ -46,7 +46,7 @@ from insgnss.filter.start.carried_start import CarriedState, left_behind
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.ledger_marks import mark_rows
 from insgnss.filter.start.starter import Starter
-from insgnss.filter.start.trial import StartValidation, banks_of, refusal
+from insgnss.filter.start.trial import StartValidation, banks_of, refusal, validation
 from insgnss.filter.state import Bank, HeadRecord, copy_bank
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
@@ -222,7 +222,8 @@ class Navigator:
     def _refuse_start(self, t_ns: int, bank: Bank) -> None:
         """Replace the given start by its alternatives."""
         assert self.bank is not None
-        self.events.append(refusal(t_ns, self.bank, bank))
+        assert self.trial is not None
+        self.events.append(refusal(self.trial, t_ns, self.bank, bank))
         self.bank, self.trial = bank, None
         self.health.forget()
         bank.head["renewed_ns"] = t_ns
@@ -267,11 +268,9 @@ class Navigator:
         self.started_ns = int(bank.head[0].now_ns)
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
+        self.trial = validation(self.setup, is_given=fix is None)
         if fix is None:
             self.opened = copy_bank(bank)
-            # where several antennas measure the attitude, they are its witness
-            tried = self.aid is None and self.setup.config.health.recovery
-            self.trial = StartValidation(self.setup) if tried else None
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
@@ -359,7 +358,7 @@ class Navigator:
         elif remedy.bank is not self.bank:
             self.bank = remedy.bank
             if self.trial is not None:
-                self.trial = StartValidation(self.setup)  # of the filter as it has been set right
+                self.trial = validation(self.setup, is_given=self.trial.is_given)  # of the filter set right
 
     def note_silence(self, t_ns: int) -> None:
         """Report at ``t_ns`` that the measurements have ended, if no further epoch reports it."""

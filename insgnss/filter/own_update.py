@@ -134,8 +134,8 @@ def use_own_rows(
     _weigh(bank, log_likelihood, information, direct, members[lead], par)
     if len(sound) > 1:
         _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
-    entries = updates[lead].entries
-    watch(bank.head[0], kinds, entries, members[lead].predicted, t_ns)
+    entries, leader, several = updates[lead].entries, members[lead], len(sound) > 1
+    watch(bank.head[0], kinds, entries, leader.predicted, t_ns, headings_open=several)
     doubt_filter(bank, kinds, {i: update.entries for i, update in updates.items()}, t_ns)
     rows = {i: member.rows for i, member in members.items()}
     steps = open_steps(bank, entries, rows, layout, t_ns)

@@ -30,6 +30,7 @@ class HeadingMeasurement(SensorMeasurement[HeadingSensor]):
     """A heading's rows and its mounting uncertainty."""
 
     unit: ClassVar[str] = "rad"
+    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "its unit, sign and mounting; a compass: declination and steel nearby"
 
     def states(self) -> tuple[StateBlock, ...]:
@@ -52,6 +53,7 @@ class AttitudeMeasurement(SensorMeasurement[AttitudeSensor]):
     """Rows of roll, pitch and yaw, as many of them as the log has."""
 
     unit: ClassVar[str] = "rad"
+    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "its unit, the order and signs of the angles, its mounting and time"
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:

@@ -37,6 +37,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
     """A magnetometer's rows, its hard iron, and the uncertainty of the field."""
 
     unit: ClassVar[str] = "uT"
+    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "motors, currents and steel nearby; its axes and unit, declination and intensity"
 
     def states(self) -> tuple[StateBlock, ...]:

@@ -37,6 +37,7 @@ class SensorMeasurement(Generic[Config]):
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused
+    tells_heading: ClassVar[bool] = False
     stepping: ClassVar[str] = ""  # which of its own states may step
     together: ClassVar[bool] = True  # one component out of its gate refuses the whole reading
 
@@ -54,6 +55,11 @@ class SensorMeasurement(Generic[Config]):
     def clock(self) -> str:
         """Whose time its tags are: "gps" or "imu"."""
         return self.config.clock
+
+    @property
+    def watched(self) -> bool:
+        """Whether it is left out once the motion has refuted its heading."""
+        return self.tells_heading
 
     @property
     def steps(self) -> str:

@@ -180,7 +180,7 @@ def test_wrong_position_is_no_contradiction_of_the_attitude() -> None:
 def test_right_start_is_left_alone_to_the_bit(base: object, monkeypatch: pytest.MonkeyPatch) -> None:
     flown = given(base(), AT_S, roll=2.0, yaw=-10.0)  # type: ignore[operator]
     with_trial = replayed(flown)
-    monkeypatch.setattr(navigator, "StartValidation", lambda setup: None)
+    monkeypatch.setattr(navigator, "validation", lambda setup, is_given: None)
     alone = replayed(flown)
     assert with_trial.nav.equals(alone.nav)
     assert with_trial.measurements.equals(alone.measurements)

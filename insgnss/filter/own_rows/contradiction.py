@@ -5,6 +5,9 @@ and pull the filter away from its other measurements. Their normalised squared i
 for rows that count less because their errors are correlated. The mean over the last 10 s, each value kept below 25, is
 chi-square of some 40 degrees of freedom divided by them (sigma 0.22), so 3 is 9 sigma away. A slide of 5 s gives 5.
 
+A sensor that gives the heading is not left out by that mean: the gate refuses it, and readings that share an error for
+a minute would pass the limit by chance. It is left out where the motion has refuted its heading (``refute``).
+
 In an outage the sigma of the prediction grows until any row agrees with it. If the rows were found wrong while GNSS
 supported the prediction, a row counts as agreement only while the prediction is as good as then (within a factor of two
 in variance), or would still show at three sigma an error of the size that was found. A contradiction that begins in an
@@ -43,38 +46,61 @@ def contradicting(head: HeadRecord, kinds: Iterable[Kind]) -> frozenset[str]:
 
 
 def watch(
-    head: HeadRecord, kinds: Iterable[Kind], entries: Iterable[OwnEntry], predicted: Float64, t_ns: int
+    head: HeadRecord,
+    kinds: Iterable[Kind],
+    entries: Iterable[OwnEntry],
+    predicted: Float64,
+    t_ns: int,
+    *,
+    headings_open: bool = False,
 ) -> None:
     """Carry the mean of each watched kind on with the rows of a time, and note which contradict.
 
     Parameters
     ----------
     predicted : variance of each entry's prediction (k,), without that of its own row
+    headings_open : several are; what gives the heading then contradicts all but one of them, and is not judged
     """
-    by_kind: dict[str, list[tuple[float, float, float]]] = {}
+    by_kind: dict[str, list[tuple[float, ...]]] = {}
     for entry, variance in zip(entries, predicted.tolist(), strict=True):
         if math.isfinite(entry.nis):
-            row = min(entry.nis, _MOST), entry.innovation**2, variance
+            row = min(entry.nis, _MOST), entry.innovation**2, variance, entry.variance - variance
             by_kind.setdefault(entry.kind, []).append(row)
     mean, last_ns, contradicts, reach = head.own_nis, head.own_nis_ns, head.own_contradicts, head.own_reach
     for kind in kinds:
         values = by_kind.get(kind.name)
-        if kind.watch == NOT_WATCHED or not values:
+        if kind.watch == NOT_WATCHED or not values or (headings_open and kind.tells_heading):
             continue
-        at, (nis, off2, variance) = kind.watch, np.mean(values, axis=0).tolist()
+        at, (nis, off2, variance, own) = kind.watch, np.mean(values, axis=0).tolist()
         before_ns = int(last_ns[at])
         step_s = min((t_ns - before_ns) * 1e-9, _LONGEST_STEP_S) if before_ns else 1.0
         last_ns[at] = t_ns
-        if contradicts[at] and variance > reach[at]:
+        if contradicts[at] and variance > (reach[at] or own):
             continue
         share = 1.0 - math.exp(-step_s / _MEMORY_S)
         mean[at] += share * (nis - mean[at])
         shows = off2 / _SHOWS2
         if contradicts[at]:
             contradicts[at], reach[at] = int(mean[at] > _AGREES), max(reach[at], shows)
-        elif mean[at] > _CONTRADICTS:
+        elif mean[at] > _CONTRADICTS and not kind.tells_heading:
             contradicts[at] = 1
             reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
+
+
+def refute(head: HeadRecord, kinds: Iterable[Kind], refuted: HeadRecord) -> list[str]:
+    """Leave out, in the filter that takes the place of a refuted one, the kinds that agreed with that one.
+
+    Those that contradicted it are used again. Agreement counts while the prediction is as good as a reading.
+    """
+    names = []
+    for kind in kinds:
+        at = kind.watch
+        agreed = bool(refuted.own_nis_ns[at] != 0 and refuted.own_nis[at] < _CONTRADICTS)
+        head.own_contradicts[at], head.own_nis[at] = int(agreed), _MOST if agreed else 1.0
+        head.own_reach[at], head.own_nis_ns[at] = 0.0, refuted.own_nis_ns[at]
+        if agreed:
+            names.append(kind.name)
+    return names
 
 
 def _is_supported(head: HeadRecord, t_ns: int) -> bool:

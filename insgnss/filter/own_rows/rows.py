@@ -66,6 +66,8 @@ class Measurement(Protocol):
     - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
       samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
+    - ``tells_heading``: True of a sensor that gives the heading, ``watched`` too. Its heading is validated like a given
+      start: filters without the sensor run in parallel until the vehicle has moved.
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``).
     - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
@@ -107,6 +109,7 @@ class Kind:
     period_ns: int = 0  # of ticks without end; 0: none
     watch: int = NOT_WATCHED  # its place among those that are watched
     carrying: int = NOT_CARRYING  # its place among those that carry the filter
+    tells_heading: bool = False  # a heading that is to be validated
     steps: str = ""  # its state whose value may step
     stepping: int = NOT_STEPPING  # its place among those that have one
     unlikely: Callable[[StateEstimate], float] | None = None
@@ -128,6 +131,16 @@ class OwnMeasurements:
     def named(self) -> str:
         """The names of all kinds, in a sentence."""
         return ", ".join(kind.name for kind in self.kinds)
+
+    @property
+    def headings(self) -> tuple[Kind, ...]:
+        """The kinds that give the heading."""
+        return tuple(kind for kind in self.kinds if kind.tells_heading)
+
+    def without(self, kinds: Iterable[Kind]) -> OwnMeasurements:
+        """Return the measurements without some kinds; those that come live are shared."""
+        names = {kind.name for kind in kinds}
+        return _on_one_line(tuple(kind for kind in self.kinds if kind.name not in names), self.arrived)
 
     def due(self, after_ns: int, until_ns: int) -> list[int]:
         """Return the times after ``after_ns``, up to ``until_ns``."""
@@ -196,7 +209,6 @@ def own_measurements(
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
-    times_ns = np.unique(np.concatenate([kind.times_ns for kind in kinds]))
     watched, carrying, stepping = (_places(kinds, wish) for wish in ("watched", "carrying", "steps"))
     kinds = tuple(
         replace(
@@ -207,7 +219,12 @@ def own_measurements(
         )
         for kind in kinds
     )
-    return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})))
+    return _on_one_line(kinds, LiveTimes())
+
+
+def _on_one_line(kinds: tuple[Kind, ...], arrived: LiveTimes) -> OwnMeasurements:
+    times_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *(kind.times_ns for kind in kinds)]))
+    return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})), arrived)
 
 
 def _places(kinds: Iterable[Kind], wish: str) -> dict[str, int]:
@@ -240,7 +257,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
     _check_settings(name, source)
     unit, hint, steps = (getattr(source, key, "") for key in ("unit", "hint", "steps"))
-    together = getattr(source, "together", False)
+    together, tells_heading = (bool(getattr(source, key, False)) for key in ("together", "tells_heading"))
     period_ns = _checked_period(name, source)
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
     unlikely = getattr(source, "unlikely", None)
@@ -253,6 +270,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         gate2,
         unit,
         period_ns,
+        tells_heading=tells_heading,
         steps=steps,
         unlikely=unlikely,
         together=together,
@@ -264,7 +282,9 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
 def _check_settings(name: str, source: Measurement) -> None:
     """Refuse a setting of a measurement that is not of its type."""
     wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
-        **dict.fromkeys(("watched", "carrying", "together"), (_is_truth_value, "True or False")),
+        **dict.fromkeys(
+            ("watched", "carrying", "together", "tells_heading"), (_is_truth_value, "True or False")
+        ),
         **dict.fromkeys(("unit", "hint", "steps"), (_is_text, "a text")),
         "unlikely": (_is_function_or_none, "a function of the state, or None"),
         "clock": (lambda value: value in ("gps", "imu"), '"gps" or "imu"'),

@@ -7,6 +7,10 @@ same heading and of headings all around, each of a low prior weight. When the me
 the alternatives replace it. When they rule out the alternatives, or these reach the same attitude, the validation ends.
 It does not change the filter itself by a bit.
 
+A heading that a sensor has given is validated in the same way: a compass beside steel, two antennas that are exchanged,
+degrees for radians. There the alternatives do not use the sensor. If they take the filter's place, it is left out until
+it agrees with them.
+
 A start may also be wrong in its position or velocity alone. The alternative of the same heading shows that: it gains as
 all others do, but it has the given attitude, and the filter corrects its position by itself.
 
@@ -18,7 +22,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +31,8 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import attitude
 from insgnss.filter.headings.headings import SMALLEST_DIFFERENCE_RAD, yaw_variance
+from insgnss.filter.own_rows.contradiction import refute
+from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
@@ -61,7 +67,9 @@ _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has
 class StartValidation:
     """The alternatives to a given start and their likelihoods."""
 
-    setup: FilterSetup
+    setup: FilterSetup  # of the alternatives
+    headings: tuple[Kind, ...] = ()  # the sensors that they do not use
+    is_given: bool = True  # rather than started automatically, with the heading of a sensor
     starter: Starter = field(init=False)
     bank: Bank | None = (
         None  # copies of the filter's hypotheses first, then the alternatives; None: not opened yet
@@ -110,6 +118,9 @@ class StartValidation:
             return None
         self.look_ns = t_ns + _PERIOD_NS
         self.since_ns = self.since_ns or t_ns
+        if not self.is_given and len(bank.state) != max(self.n_given, 1):
+            self.over = self.bank is not None  # before, the sensor has not decided yet
+            return None
         if self.bank is None:
             self._open(bank, imu, rows, epoch, parameters)
             return None
@@ -224,23 +235,40 @@ class StartValidation:
             self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
 
+def validation(setup: FilterSetup, *, is_given: bool) -> StartValidation | None:
+    """Return the validation of a filter that has started: of a given start or of a sensor's heading; None without both.
+
+    Where several antennas measure the attitude, they are its witness.
+    """
+    own = setup.own
+    headings = () if own is None else own.headings
+    if setup.aid is not None or not setup.config.health.recovery or not (is_given or headings):
+        return None
+    if own is not None and headings:
+        setup = replace(setup, own=own.without(headings))
+    return StartValidation(setup, headings, is_given)
+
+
 def banks_of(bank: Bank | None, trial: StartValidation | None) -> list[Bank]:
     """Return everything carried along with the samples: the filter, if it has started, and its alternatives."""
     return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
 
 
-def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
-    """Return the event of a given start whose place the alternatives take."""
+def refusal(trial: StartValidation, t_ns: int, was: Bank, now: Bank) -> Event:
+    """Leave out the sensors that agreed with a filter whose place the alternatives take; return the event."""
+    names = refute(now.head[0], trial.headings, was.head[0])
+    refuted = " and ".join(f"'{name}'" for name in names)
+    contradicted = "the given start" if trial.is_given else refuted
     before, after = (
         ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
         for bank in (was, now)
     )
     n = len(now.state)
     detail = (
-        f"the measurements contradict the given start: roll, pitch, yaw ({before}) deg become ({after}) deg, with"
+        f"the measurements contradict {contradicted}: roll, pitch, yaw ({before}) deg become ({after}) deg, with"
         f" {'one heading' if n == 1 else f'{n} headings'} open"
     )
-    return Event(t_ns, "restart", detail)
+    return Event(t_ns, "restart", f"{detail}; {refuted} is not used until it agrees" if names else detail)
 
 
 def _heading_sigmas(bank: Bank) -> Float64:

@@ -1,0 +1,82 @@
+"""Sensors that give a wrong heading from the start: the first motion refutes them, the satellites are not blamed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import insgnss
+from insgnss.runs.result import Run
+from tests.runs.scenes import START_S, kinds, true_start, turns
+from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
+
+MOVES_S = 34.0  # three seconds after the car pulls away
+WRONG = {
+    "antennas exchanged": ("heading", (180.0,)),
+    "mounted across": ("heading", (-90.0,)),
+    "one antenna short": ("heading", (25.0,)),
+    "attitude of another axis": ("attitude", (0.0, 0.0, 90.0)),
+}
+
+
+def driven(kind: str, off: tuple[float, ...], seed: int, **more: Any) -> Run:
+    wrong = fault("sensor_step", 0.0, 200.0, sensor=kind, size=off)
+    base = with_sensors(city_car(), [simulated(kind, rate_hz=2.0, **more)], [wrong] if any(off) else [])
+    return insgnss.replay(flown(base, seed), output=1.0)
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_first_motion_refutes_a_heading_that_is_wrong_from_the_start(wrong: str) -> None:
+    kind, off = WRONG[wrong]
+    run, right = driven(kind, off, 71), driven(kind, (0.0,), 71)
+    assert run.errors is not None and right.errors is not None
+    late = run.errors["time_s"] > START_S + MOVES_S
+    yaw = run.errors[late]["d_yaw_deg"] / run.errors[late]["sd_yaw_deg"]
+    assert yaw.abs().max() < 4.0 and run.errors[late]["sd_yaw_deg"].iloc[-1] < 2.0
+    here, there = (each.errors[["d_n_m", "d_e_m"]].to_numpy() for each in (run, right))
+    assert np.abs(here - there).max() < 1.0  # it was 140 to 340 m
+    (restart,) = run.events[run.events["kind"] == "restart"]["detail"]
+    assert (
+        restart.startswith(f"the measurements contradict '{kind}'") and "not used until it agrees" in restart
+    )
+    assert not {"satellite_suspect", "sensor_suspect", "reset", "imu_distrusted"} & set(kinds(run))
+    rows = run.measurements.query("kind == @kind and time_s > @START_S + @MOVES_S + 5.0")
+    assert (rows["status"] == "contradicts").all() and len(rows) > 150
+
+
+@pytest.mark.parametrize("kind", ["heading", "attitude", "magnetometer"])
+@pytest.mark.parametrize("noise_time_s", [0.0, 20.0])
+def test_sound_headings_are_not_refuted(kind: str, noise_time_s: float) -> None:
+    run = driven(kind, (0.0,), 72, noise_time_s=noise_time_s)
+    assert not {"restart", "rows_contradict"} & set(kinds(run))
+    assert (run.measurements.query("kind == @kind")["status"] == "used").mean() > 0.9
+
+
+def test_sensor_that_contradicts_a_wrong_given_start_is_kept() -> None:
+    """The given heading is wrong by 60 deg, the sensor is right: the start is refuted, not the sensor."""
+    base = with_sensors(turns(60.0), [simulated("heading", rate_hz=2.0)])
+    start = true_start(base, 2.0)
+    roll, pitch, yaw = start.rpy_deg
+    wrong = start.model_copy(update={"rpy_deg": (roll, pitch, yaw + 60.0)})
+    run = insgnss.replay(flown(base, 73, wrong), output=1.0)
+    (restart,) = run.events[run.events["kind"] == "restart"]["detail"]
+    assert "contradict the given start" in restart and "'heading'" not in restart
+    late = run.measurements.query("kind == 'heading' and time_s > @START_S + 40.0")
+    assert (late["status"] == "used").mean() > 0.9
+    assert run.errors is not None
+    assert (run.errors["d_yaw_deg"] / run.errors["sd_yaw_deg"])[-30:].abs().max() < 4.0
+
+
+def test_sensor_that_was_refuted_is_used_again_once_it_agrees() -> None:
+    """Steel beside the compass on the ground, none any more in the air."""
+    base = with_sensors(
+        turns(110.0),
+        [simulated("heading", rate_hz=2.0)],
+        [fault("sensor_step", 0.0, 40.0, sensor="heading", size=(120.0,))],
+    )
+    run = insgnss.replay(flown(base, 74), output=1.0)
+    assert "rows_agree" in kinds(run)
+    late = run.measurements.query("kind == 'heading' and time_s > @START_S + 100.0")
+    assert (late["status"] == "used").all()
