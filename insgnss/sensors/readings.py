@@ -39,6 +39,11 @@ class Readings:
         k = int(np.searchsorted(self.times_ns, t_ns))
         return Reading(self.values[k], self.sigma[k], float(self.weight[k]))
 
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether the reading of an existing time is the same to the bit as the one before."""
+        k = int(np.searchsorted(self.times_ns, t_ns))
+        return k > 0 and np.array_equal(self.values[k], self.values[k - 1])
+
 
 def weight_after(config: Sensor, before_ns: int | None, t_ns: int) -> float:
     """Return by how much a reading's variance grows: max(1, 2 correlation time / time since the reading before).
@@ -92,6 +97,11 @@ class LiveReadings:
         k = bisect_left(self.times, t_ns)
         before = self.times[k - 1] if k else None
         return Reading(*self.found[t_ns], weight_after(self.config, before, t_ns))
+
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether the reading of an existing time is the same to the bit as the one before."""
+        k = bisect_left(self.times, t_ns)
+        return k > 0 and np.array_equal(self.found[t_ns][0], self.found[self.times[k - 1]][0])
 
     def forget_before(self, t_ns: int) -> None:
         """Forget the readings before a time."""

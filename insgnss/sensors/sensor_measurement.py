@@ -106,6 +106,10 @@ class SensorMeasurement(Generic[Config]):
         """Return the sensor's errors that stay, as states of the filter."""
         return ()
 
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether the reading of a time is the same to the bit as the one before."""
+        return self.readings.repeats(t_ns)
+
     def rows(self, state: StateEstimate, layout: StateLayout) -> Sequence[Row]:
         """Return the rows of the reading at ``state.t_ns``."""
         return self.rows_of(self.readings.at(state.t_ns), state)

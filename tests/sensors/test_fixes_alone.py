@@ -24,7 +24,7 @@ from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
 from tests.conftest import REPOSITORY
 from tests.runs.scenes import START_S, kinds, true_start, turns
-from tests.sensors.scenes import city_car, flown, simulated, with_sensors
+from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
 
 FIXES = (simulated("position", noise_time_s=0.0, noise_m=(1.0, 1.0, 2.0)), simulated("velocity"))
@@ -38,10 +38,14 @@ CLOSE_FIXES = (
 
 
 def fixes_alone(
-    base: Simulator, seed: int, start: GivenStart | None = None, fixes: Sequence[Any] = FIXES
+    base: Simulator,
+    seed: int,
+    start: GivenStart | None = None,
+    fixes: Sequence[Any] = FIXES,
+    faults: Sequence[Any] = (),
 ) -> FlightInMemory:
     """Return a flight whose flight file has no [gnss]."""
-    made = flown(with_sensors(base, fixes), seed)
+    made = flown(with_sensors(base, fixes, faults), seed)
     data = made.config.model_dump(exclude={"gnss", "start"}) | {"start": start or "automatic"}
     config = FlightConfig.model_validate(data)
     assert not config.gnss.files
@@ -104,6 +108,35 @@ def test_filter_is_not_doubted_where_all_errors_are_as_stated(seed: int) -> None
     run = insgnss.replay(fixes_alone(turns(120.0), seed, fixes=CLOSE_FIXES))
 
     assert not {"filter_doubted", "sensor_refused"}.intersection(kinds(run))
+
+
+@pytest.mark.parametrize("frozen", [("position", "velocity"), ("position",), ("velocity",)])
+@pytest.mark.parametrize("flight", ["car", "aircraft"])
+def test_fixes_that_stand_still_for_half_a_minute_do_not_take_the_filter_along(
+    frozen: tuple[str, ...], flight: str
+) -> None:
+    """It was 250 m (car) and 2.5 km (aircraft) behind, at 250 and 2200 sigma."""
+    faults = [fault("frozen", 70.0, 100.0, sensor=sensor) for sensor in frozen]
+    run = insgnss.replay(fixes_alone(city_car() if flight == "car" else turns(120.0), 6, faults=faults))
+
+    assert run.errors is not None
+    late = run.errors[run.errors["time_s"] > START_S + 50.0]
+    for names in (("n_m", "e_m", "d_m"), ("vn_mps", "ve_mps", "vd_mps")):
+        for name in names:  # the first repeated fix may pass the gate
+            assert (late[f"d_{name}"] / late[f"sd_{name}"]).abs().max() < 8.0, name
+    assert np.hypot(late["d_n_m"], late["d_e_m"]).max() < 40.0
+    assert {"sensor_refused", "sensor_agrees"} <= set(kinds(run))
+    assert "filter_doubted" not in kinds(run)
+
+
+def test_fixes_that_repeat_at_rest_are_used() -> None:
+    faults = [fault("frozen", 8.0, 28.0, sensor=sensor) for sensor in ("position", "velocity")]
+    run = insgnss.replay(fixes_alone(city_car(60.0), 6, faults=faults))
+
+    rows = run.measurements
+    standing = rows[rows["time_s"].between(START_S + 9.0, START_S + 27.0)]
+    assert (standing["status"] == "used").mean() > 0.95
+    assert "sensor_refused" not in kinds(run)
 
 
 def warming_up(made: FlightInMemory) -> FlightInMemory:

@@ -16,6 +16,9 @@ a vibrating mount, or its time is wrong.
   some two seconds, and by the covariance they correct attitude and biases too: the bias of a gyro that warms up is not
   what it was at the start. Normal errors are 5 sigma away once in two million.
 
+A fix that repeats the one before to the bit is no witness against the filter: a receiver that has lost its satellites,
+or its log, stands still while the vehicle goes on. The gate judges it as any other: at rest it is used.
+
 While several headings are open, each is widened by itself: at rest no fix tells them apart, and one that drifts away
 alone would keep its weight. All share one sensor: its noise is found from the heading that fits the fixes best. An
 event reports noise of three times that of the grade.
@@ -54,7 +57,8 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
     ----------
     members : the entries of each hypothesis, by its place in the bank
     """
-    head, carrying = bank.head[0], [kind for kind in kinds if kind.carrying != NOT_CARRYING]
+    carrying = [kind for kind in kinds if kind.carrying != NOT_CARRYING and not _repeats(kind, t_ns)]
+    head = bank.head[0]
     for kind in carrying:
         at = kind.carrying
         before_ns = int(head.carried_ns[at])
@@ -72,6 +76,12 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
         head.inertial_noise[at] = min(max(head.inertial_noise[at] + risen, 0.0), _MOST_NOISE)
     if carrying:
         bank.state["noise_excess"] = math.expm1(2.0 * float(head.inertial_noise.max()))
+
+
+def _repeats(kind: Kind, t_ns: int) -> bool:
+    """Return whether a fix repeats the one before: a receiver that stands still, or its log, which shows nothing."""
+    repeats = getattr(kind.source, "repeats", None)
+    return repeats is not None and bool(repeats(t_ns))
 
 
 class _Against(NamedTuple):

@@ -69,7 +69,7 @@ class Measurement(Protocol):
     - ``tells_heading``: True of a sensor that gives the heading, ``watched`` too. Its heading is validated like a given
       start: filters without the sensor run in parallel until the vehicle has moved.
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
-      (``own_rows.carrying``).
+      (``own_rows.carrying``), unless its method ``repeats(t_ns)`` says that they repeat those before.
     - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
       opened: readings refused one after the other let the state be estimated anew (``own_rows.steps``).
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
