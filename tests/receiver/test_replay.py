@@ -22,6 +22,7 @@ from insgnss.receiver.sources import epoch_samples
 from insgnss.receiver.tracking_state import STATE_NAMES
 from insgnss.runs.result import Run
 from tests.conftest import REPOSITORY
+from tests.real_flights import without_knock
 from tests.runs.scenes import WEEK, FlightInMemory, flight, turns
 
 WAVELENGTH_M = C_MPS / L1_HZ
@@ -240,9 +241,7 @@ def test_command_tells_transitions_and_the_time_in_search(tmp_path: Path) -> Non
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", ["xian", "walk", "instinct"])
 def test_real_log_runs_through_with_a_patch_antenna_and_its_states_add_up(name: str, data_root: Path) -> None:
-    read = insgnss.Flight.load(REPOSITORY / "tests" / "flights" / f"{name}.toml")
-    if not read.config.imu.files[0].is_file():
-        pytest.skip(f"{read.config.imu.files[0]} does not exist: the flight files look beside the checkout")
+    read = without_knock(name)
     gnss = read.config.gnss.model_copy(update={"antenna": (MountedAntenna(pattern="patch_l1"),)})
     run = insgnss.replay(replace(read, config=read.config.model_copy(update={"gnss": gnss})), supervise=True)
 

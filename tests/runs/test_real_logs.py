@@ -26,7 +26,7 @@ from insgnss.runs.result import Run
 from insgnss.runs.result_tables import nav_table
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64
-from tests.conftest import REPOSITORY
+from tests.real_flights import real_flight
 
 pytestmark = pytest.mark.real_data
 NAMES = ("xian", "walk", "instinct")
@@ -48,11 +48,7 @@ class Replayed:
 def replayed(data_root: Path) -> dict[str, Replayed]:
     found = {}
     for name in NAMES:
-        flight = insgnss.Flight.load(REPOSITORY / "tests" / "flights" / f"{name}.toml")
-        if not flight.config.imu.files[0].is_file():
-            pytest.skip(
-                f"{flight.config.imu.files[0]} does not exist: the flight files look beside the checkout"
-            )
+        flight = real_flight(name)
         logs = flight.read()
         setup = setup_filter(flight, logs, filter_config("tight17"))
         found[name] = Replayed(logs, setup, flight.config.gps_week, insgnss.replay(flight))

@@ -22,7 +22,7 @@ from insgnss.log.gnss_log import without_gnss
 from insgnss.runs.check import examine
 from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
-from tests.conftest import REPOSITORY
+from tests.real_flights import without_knock
 from tests.runs.scenes import START_S, kinds, true_start, turns
 from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
@@ -388,7 +388,7 @@ def test_walk_on_its_receivers_fixes_alone_has_the_heading_of_the_tight_filter(
         'columns = { velocity = ["vn", "ve", "vd"] }\n'
     )
     loose = insgnss.replay(path, output=1.0)
-    tight = insgnss.replay(REPOSITORY / "tests" / "flights" / "walk.toml", output=1.0)
+    tight = insgnss.replay(without_knock("walk"), output=1.0)
 
     assert (loose.measurements["status"] == "used").mean() > 0.95
     both = loose.nav.merge(tight.nav, on="time_s", suffixes=("", "_tight"))
