@@ -12,8 +12,9 @@ FLIGHT ?= data/sample_flight/flight.toml
 OUT ?= out/demo
 ARGS ?=
 NOTEBOOKS ?= notebooks/*.ipynb
-# Tests start more than a hundred processes; where the environment forbids byte code, each would compile every module anew
-KEPT := PYTHONDONTWRITEBYTECODE=
+# Tests start more than a hundred processes; where the environment forbids byte code, each would compile every module
+# anew. Two files run at a time: threads of the linear algebra beside them would spin for a core that they do not get.
+TESTING := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
 
 .PHONY: help setup demo test test-bounds test-lowest test-wheel coverage notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
 
@@ -26,21 +27,21 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)" --report "$(OUT)/report.html"
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
-	$(KEPT) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
-	$(KEPT) $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(TESTING) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
+	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
-# What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has
-# a cache of its own (insgnss/kernels/jit.py). Every test of the suite may run so, but not in a few minutes.
-KERNELS := tests/test_jit.py::test_kernel_gives_the_same_numbers_compiled_and_as_plain_python
-BOUNDS := $(KERNELS) tests/filter/test_soundness.py tests/filter/test_gating.py tests/filter/test_faults.py \
+# What computes indices: filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has a cache
+# of its own (insgnss/kernels/jit.py). Every test of the suite may run so, but not in a few minutes. The sample calls of
+# the kernels need it least: tests/test_jit.py runs each as plain Python too, where NumPy checks every index.
+BOUNDS := tests/filter/test_soundness.py tests/filter/test_gating.py tests/filter/test_faults.py \
     tests/filter/test_scalar_update.py tests/gnss/test_point_integrity.py tests/gnss/test_plausible_messages.py \
     tests/gnss/test_glonass_orbit.py tests/gnss/test_troposphere.py tests/antenna/test_gain_pattern.py \
     tests/antenna/test_visibility.py tests/runs/test_wild_cells.py
 
 # Nearly all of its time is compiling: the lists of kernels first, in a process a core, then the rest test by test.
 test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
-	NUMBA_BOUNDSCHECK=1 $(KEPT) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
-	NUMBA_BOUNDSCHECK=1 $(KEPT) $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
+	NUMBA_BOUNDSCHECK=1 $(TESTING) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
+	NUMBA_BOUNDSCHECK=1 $(TESTING) $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
 
 # By hand, before a release: makes an environment of its own in build/. Another interpreter, for which the lowest versions
 # have no wheels: make test-lowest PYTHON=python3.13 ARGS=--newest
@@ -56,7 +57,7 @@ test-wheel: $(STAMP)  ## build sdist and wheel, install the wheel without extras
 coverage: $(STAMP)  ## measure which lines the tests run (ARGS='tests/log' for a part)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -e ".[coverage]"
 	rm -rf build/coverage
-	-$(KEPT) $(BIN)/coverage run -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
+	-$(TESTING) $(BIN)/coverage run -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 	@echo "lines with those of the kernels: $$($(BIN)/coverage report --rcfile=/dev/null --data-file=build/coverage/data --format=total) %"
