@@ -53,6 +53,13 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """Return every node of a file's syntax."""
+    return list(ast.walk(tree_of(path)))
+
+
+@cache
 def tracked_files() -> list[Path]:
     """Return the files of the project: what git tracks or would track, or every file outside of a git checkout."""
     listing = subprocess.run(
@@ -71,8 +78,9 @@ def text_lines(suffixes: set[str]) -> Iterator[tuple[str, str]]:
     """Yield place ("file:line") and text of each line in the project's files with these suffixes."""
     for path in tracked_files():
         if path.suffix in suffixes and path != Path(__file__):
+            name = path.relative_to(ROOT)
             for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-                yield f"{path.relative_to(ROOT)}:{number}", line
+                yield f"{name}:{number}", line
 
 
 def functions() -> Iterator[tuple[str, Function, bool]]:
@@ -81,10 +89,11 @@ def functions() -> Iterator[tuple[str, Function, bool]]:
         yield from functions_of(path)
 
 
-def functions_of(path: Path) -> Iterator[tuple[str, Function, bool]]:
-    """Yield the same for the functions of one file."""
-    for node, public in _walk(tree_of(path), public=True):
-        yield f"{path.relative_to(ROOT)}:{node.lineno} {node.name}", node, public
+@cache
+def functions_of(path: Path) -> list[tuple[str, Function, bool]]:
+    """Return the same for the functions of one file."""
+    name, found = path.relative_to(ROOT), _walk(tree_of(path), public=True)
+    return [(f"{name}:{node.lineno} {node.name}", node, public) for node, public in found]
 
 
 def _walk(parent: ast.AST, public: bool) -> Iterator[tuple[Function, bool]]:
@@ -224,7 +233,7 @@ def test_imports_stand_at_the_top_of_a_file() -> None:
 def test_no_assert_checks_input_and_only_the_command_line_exits() -> None:
     found = []
     for path in SOURCES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute)
             exits = is_call and ast.unparse(node.func) in ("sys.exit", "exit", "quit", "os._exit")
             narrows = isinstance(node, ast.Assert) and ast.unparse(node.test).endswith(" is not None")
@@ -298,7 +307,7 @@ def test_every_imported_library_is_declared() -> None:
     declared = {re.split(r"[<>=!~ ]", name)[0] for name in named}
     imported = set()
     for path in SOURCES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Import):
                 imported |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -318,7 +327,7 @@ def test_no_number_stands_for_a_state() -> None:
     for path in SOURCES:
         if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding", "gnss"):
             continue
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Subscript) and matrix_name(node.value) in matrices:
                 parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
                 places = [part.lower if isinstance(part, ast.Slice) else part for part in parts]
@@ -356,7 +365,7 @@ def matrix_name(node: ast.expr) -> str | None:
 def test_a_class_name_has_one_meaning() -> None:
     places: dict[str, list[str]] = {}
     for path in SOURCES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 place = f"{path.relative_to(ROOT)}:{node.lineno}"
                 places.setdefault(node.name.lstrip("_"), []).append(place)
@@ -413,7 +422,7 @@ def test_nothing_of_the_package_is_imported_by_string() -> None:
     hidden = [
         f"{path.relative_to(ROOT)}:{node.lineno}"
         for path in SOURCES
-        for node in ast.walk(tree_of(path))
+        for node in nodes_of(path)
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__")
         if not (
