@@ -276,11 +276,13 @@ def test_inertial_tags_that_are_50_ms_late_are_told() -> None:
 
 @cache
 def late_epochs() -> Run:
-    """Return a run with GNSS tags that are 50 ms late for twenty seconds."""
+    """Return a run with GNSS tags that are 50 ms late for twenty seconds, ten seconds before its end."""
     _, logs = sample()
     t = seconds(logs.gnss.t_ns)
     late = 50_000_000 * ((t > FAULT_S) & (t <= FAULT_S + 20.0))
-    return insgnss.replay(with_logs(gnss=replace(logs.gnss, t_ns=logs.gnss.t_ns + late)))
+    flight = with_logs(gnss=replace(logs.gnss, t_ns=logs.gnss.t_ns + late))
+    until = replace(shortened(flight.logs, FAULT_S + 30.0), reference=flight.logs.reference)
+    return insgnss.replay(replace(flight, logs=until))
 
 
 def test_gnss_tags_that_are_50_ms_late_are_told() -> None:
