@@ -144,7 +144,7 @@ def test_fault_that_the_filter_believes_is_told_once_with_its_suspect() -> None:
 
 def test_readings_of_further_sensors_reach_the_sub_filters_late_or_not() -> None:
     """A fault that no satellite of the log has: its sub-filter is the full filter, to the last bit."""
-    flown = made(20.0)
+    flown = made(16.0)
     engine = insgnss.Engine(live_setup(flown), integrity=True)
     assert engine._protection is not None
     absent = SubFilter(engine, engine._setup, np.array([0]))
