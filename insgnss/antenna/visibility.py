@@ -19,6 +19,7 @@ import numpy as np
 
 from insgnss.antenna.gain_pattern import gain_at
 from insgnss.antenna.installation import Installation, clearance_at
+from insgnss.geodesy.directions import directions
 from insgnss.kernels.jit import kernel
 from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
 from insgnss.tables import Float64, Int8
@@ -236,3 +237,27 @@ def look_at_all(
             gain[t, i, 0], gain[t, i, 1] = look.gain_dbic, look.sigma_db
             if gain.shape[2] > 2:
                 gain[t, i, 2] = look.doubt
+
+
+def gain_map(
+    antennas: Installation, limits: VisibilityLimits, azimuth_deg: Float64, down_deg: Float64
+) -> Float64:
+    """Return the gain of the best antenna towards directions in body axes [dBic]; NaN where the airframe hides them.
+
+    Parameters
+    ----------
+    antennas : of the vehicle
+    limits : of the visibility stage
+    azimuth_deg : (m,) from forward to the right
+    down_deg : (n,) from straight up, 0, over the body's horizon, 90, to straight down, 180
+
+    Returns
+    -------
+    (n, m)
+    """
+    u_n = directions(azimuth_deg[None, :], 90.0 - down_deg[:, None]).reshape(1, -1, 3)
+    looks = new_looks(*u_n.shape[:2])
+    level, known = np.eye(3)[None], np.zeros((1, 3, 3))
+    look_at_all(level, known, u_n, antennas, limits, looks)
+    shown = np.where(looks.reason[0] == MASKED_OBSTRUCTION, np.nan, looks.gain[0, :, 0])
+    return np.asarray(shown.reshape(len(down_deg), len(azimuth_deg)))

@@ -35,6 +35,7 @@ from insgnss.attitude.angular_discriminators import (
 )
 from insgnss.attitude.aperture import Apertures, apertures, random_attitudes
 from insgnss.attitude.array_observability import Observability, observability
+from insgnss.attitude.attitude_fit import wahba
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -52,7 +53,6 @@ from insgnss.attitude.gyro_trial import Swing, Trial
 from insgnss.attitude.one_stage import AttitudeState, OneStage, lock_range, recovery_curve
 from insgnss.attitude.two_stage import Epoch, Solution, equivalent_orders, is_turned_over, solve
 from insgnss.attitude.vehicle import array_of_vehicle
-from insgnss.attitude.wahba_problem import wahba
 from insgnss.attitude.wind_up import wind_up_differences
 
 __all__ = [

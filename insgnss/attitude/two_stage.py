@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from insgnss.attitude.array_observability import require_attitude
+from insgnss.attitude.attitude_fit import CoarseBaselines, PhaseRows, fit_attitude, wahba
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -25,8 +26,6 @@ from insgnss.attitude.baselines import (
 )
 from insgnss.attitude.cycle_search import SHARE_REFUSED
 from insgnss.attitude.integer_search import nearest_integers
-from insgnss.attitude.phase_fit import CoarseBaselines, PhaseRows, fit_attitude
-from insgnss.attitude.wahba_problem import wahba
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64, Int64
 

@@ -1,7 +1,8 @@
 """The examination of a flight: each log by itself, then the logs against each other, and the proposed declarations.
 
 A log is examined with what was found so far already mended in memory: units first, then the GNSS log's rates and time,
-then the inertial log against the motion that the satellites show. Nothing is written.
+then the inertial log against the motion that the satellites show, solved as the point solution and the filter's
+settings have it. Nothing is written.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.config.library import filter_config
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
@@ -29,20 +31,23 @@ from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
-from insgnss.log.checks.track import GnssTrack
-from insgnss.log.flight import Flight
+from insgnss.log.checks.track import GnssTrack, track_of
+from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu.csv_log import inertial
 from insgnss.log.imu.faults import DEAD
 from insgnss.log.imu.units import fitting_accel_units, keys_of_accel_unit
+from insgnss.log.precise import read_precise
 from insgnss.runs.first_run import compiled
-from insgnss.runs.gnss_track import solve_track
-from insgnss.tables import ImuTable, Int64
+from insgnss.runs.point import solve_rows
+from insgnss.runs.setup import setup_filter
+from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
 
 LEAST_G: Final = 0.5  # the median of |f| in any vehicle that flies, drives or swims
 MOST_G: Final = 2.0
 MIN_TRACK: Final = 8  # epochs
 MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overlap
+FILTER: Final = "tight"  # its signals, masks and noise
 
 
 def examine(flight: Flight | str | Path, progress: Callable[[str], None] | None = None) -> CheckReport:
@@ -251,3 +256,25 @@ def _cleared(finding: Finding) -> Finding:
     if finding.severity != "warning" or finding.kind != VERTICAL_AXIS:
         return finding
     return replace(finding, severity="ok", advice="the motion confirms the axes")
+
+
+def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> GnssTrack | None:
+    """Return the track of a GNSS log, None where there is nothing to solve it with.
+
+    Raises
+    ------
+    InsGnssError : the settings ask for something that the log has not
+    """
+    config = flight.config.gnss
+    products = read_precise(config.precise)[0] if config.precise else None
+    has_messages = navigation is not None and navigation.has_messages
+    if gnss.sat is None and not has_messages and products is None:
+        return None
+    no_imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+    logs = FlightLogs(no_imu, gnss, navigation, None, [], {}, products)
+    setup = replace(setup_filter(flight, logs, filter_config(FILTER), several=False), with_carrier=False)
+    if not setup.clock_groups:
+        return None
+    rows = setup.rows(gnss, setup.navigation)
+    _, _, out = solve_rows(setup, rows)
+    return track_of(rows.epoch_ns, out)

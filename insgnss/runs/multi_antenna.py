@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 import pandas as pd
 
 from insgnss.antenna.equipment import installation, limits_of, mounting
 from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
-from insgnss.config.flight import MountedAntenna
+from insgnss.config.flight import AttitudeConfig, MountedAntenna
 from insgnss.filter.antennas.attitude import AttitudeAid
 from insgnss.filter.antennas.data import AntennaData
 from insgnss.filter.antennas.phase_log import KIND as KIND
@@ -19,26 +16,21 @@ from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import AntennaMasking
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.flight import Flight
 from insgnss.results.table_files import words
-from insgnss.runs.further_antennas import Record, require_common_epochs
 from insgnss.status import NAMES
 from insgnss.tables import Event
 
 
-def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
-    """Return the attitude stage of the flight's antennas, as yet without phases; None without an [attitude] block.
+def attitude_aid(setup: FilterSetup, flight: Flight, attitude: AttitudeConfig) -> AttitudeAid:
+    """Return the attitude stage of the flight's antennas, as yet without phases.
 
     Raises
     ------
     ConfigError, ModelError, GeometryError : the antennas' places are not known, or two of them are one
     """
-    attitude, gnss = flight.config.attitude, flight.config.gnss
-    if attitude is None:
-        return None
-    folder = flight.path.absolute().parent
+    gnss, folder = flight.config.gnss, flight.path.absolute().parent
     array = array_of_flight(attitude, gnss, folder)
     events = []
     if is_collinear(array):
@@ -67,28 +59,6 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
         *(attitude.multipath_time_s, attitude.ratio, attitude.confirmations, attitude.gate_sigma, hiding),
     )
     return AttitudeAid(data, tuple(events))
-
-
-def with_antennas(
-    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
-) -> tuple[FilterSetup, Record | None, list[Event]]:
-    """Return the setup with the antennas' phases, a function that adds their ledger to a run's, and events.
-
-    Parameters
-    ----------
-    rows : the filter's rows of the main log
-
-    Raises
-    ------
-    as ``attitude_aid``
-    InputError : an antenna's log and the main one have no epoch in common
-    """
-    aid = attitude_aid(setup, flight)
-    if aid is None:
-        return setup, None, []
-    require_common_epochs(logs, flight)
-    aid.log = setup.phases(logs.gnss, rows, logs.further)
-    return replace(setup, aid=aid), partial(with_differences, aid.log, aid.names), list(aid.remarks)
 
 
 def _hides(antenna: MountedAntenna) -> bool:

@@ -1,13 +1,18 @@
-"""The main job: a flight and a filter in, a run out."""
+"""The main job: a flight and a filter in, a run out, with the settings that repeat it."""
 
 from __future__ import annotations
 
+import datetime as dt
+import math
+import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numba
+import numpy as np
 import pandas as pd
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
@@ -15,13 +20,14 @@ from insgnss.aiding.trace import FilterTrace, TraceSamples, at_times, traced
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
+from insgnss.constants import NS_PER_S
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.loop_calls import fetch_loop
 from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Measurement
+from insgnss.filter.own_rows.rows import Kind, Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.whole_log import LedgerPart, TraceIntervals, run_blocks
@@ -31,18 +37,16 @@ from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.kernels.compiled_ahead import is_complete
 from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
-from insgnss.runs.antennas_on_demand import with_antennas
+from insgnss.runs.antennas_on_demand import Record, with_antennas
 from insgnss.runs.contradiction import contradiction
 from insgnss.runs.declared_sigmas import beyond_declared
 from insgnss.runs.first_run import Compilation, compiled
-from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
 from insgnss.runs.installation import installation_events
 from insgnss.runs.integrity.separation import Job, Separation, protection_of, separation_of
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
-from insgnss.runs.result_settings import run_settings
 from insgnss.runs.result_tables import (
     LogNames,
     RowKeys,
@@ -69,6 +73,7 @@ from insgnss.runs.wanted_rows import (
 )
 from insgnss.sensors.reading_events import reading_events
 from insgnss.tables import Event, ImuTable, ReferenceTable
+from insgnss.version import __version__
 
 Progress = Callable[[str], None]
 
@@ -321,3 +326,35 @@ def _as_run(
         integrity=None if protection is None else protection.faults,
         settings=settings,
     )
+
+
+def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
+    """Return everything needed to repeat the run."""
+    settings: dict[str, Any] = {
+        "flight": flight.config.model_dump(mode="json"),
+        "filter": setup.config.model_dump(mode="json"),
+        "imu_grade": setup.grade.model_dump(mode="json"),
+        "oscillator": setup.oscillator.model_dump(mode="json"),
+        "clock_groups": list(setup.clock_groups),
+        "input_sha256": input_hashes,
+        "versions": {
+            "insgnss": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
+            "pandas": pd.__version__,
+        },
+        "made": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+    }
+    if setup.own is not None:
+        settings["measurements"] = [_described(kind) for kind in setup.own.kinds]
+    return settings
+
+
+def _described(kind: Kind) -> dict[str, Any]:
+    """Return the settings of a user's own measurement, without its code."""
+    gate = None if kind.gate2 is None else "none" if math.isinf(kind.gate2) else math.sqrt(kind.gate2)
+    source = type(kind.source)
+    count = {"period_s": kind.period_ns / NS_PER_S} if kind.period_ns else {"times": len(kind.times_ns)}
+    times = {**count, "gate_sigma": gate, "unit": kind.unit}
+    return {"name": kind.name, "class": f"{source.__module__}.{source.__qualname__}", **times}

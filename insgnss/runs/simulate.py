@@ -46,9 +46,9 @@ from insgnss.simulation.log_files import (
     write_reference,
     write_sensor,
 )
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
+from insgnss.simulation.trajectory import reference_table
 from insgnss.tables import ReferenceTable
 
 _KIND: Final = "simulation"  # what the files are together

@@ -29,21 +29,27 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.simulation import faults
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.chosen_messages import nearest_messages, referred_to
-from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.further_receivers import FurtherReceiver, FurtherReceivers, local_only
-from insgnss.simulation.imu_record import ImuRecord
+from insgnss.simulation.imu import ImuRecord
 from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.logged_reference import follow_reference
-from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
 from insgnss.simulation.observations import SYSTEM, Fault, NoiseTerms, SimulatedReceiver
-from insgnss.simulation.reception import ReceivingAntenna, Reception
+from insgnss.simulation.reception import (
+    CA_CHIP_M,
+    CarrierLoopNoise,
+    CodeLoopNoise,
+    FrequencyLoopNoise,
+    ReceivingAntenna,
+    Reception,
+    TrackingRules,
+)
 from insgnss.simulation.signal_errors import (
     AirResiduals,
+    Disturbance,
     MarkovMultipath,
     MessageErrors,
     SpecularReflection,
 )
-from insgnss.simulation.signal_tracking import TrackingRules
 from insgnss.simulation.simulated_log import ClockStart, Scenario
 from insgnss.simulation.sky import (
     KLOBUCHAR,

@@ -15,7 +15,7 @@ from insgnss.config.simulation import SimulatedGnss, SimulationConfig
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import wavelength_m
 from insgnss.simulation.log_files import sensor_file_name
-from insgnss.simulation.loop_noise import CarrierLoopNoise
+from insgnss.simulation.reception import CarrierLoopNoise
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.simulation.slow_error_sizes import reflections_m, slow_errors_of
 

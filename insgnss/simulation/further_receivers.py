@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insgnss.attitude.wind_up import wind_up_differences
-from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.observations import (
     AntennaMotion,
     SignalObservations,
@@ -21,7 +20,7 @@ from insgnss.simulation.observations import (
     to_table,
 )
 from insgnss.simulation.oscillator import ClockTruth
-from insgnss.simulation.signal_errors import MarkovMultipath, SpecularReflection
+from insgnss.simulation.signal_errors import Disturbance, MarkovMultipath, SpecularReflection
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import EphemerisTable, Float64, GnssTable
 

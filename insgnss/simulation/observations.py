@@ -21,8 +21,8 @@ from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
-from insgnss.simulation.disturbance import Disturbance, ObservationNoise, PathErrors, SkyGeometry
 from insgnss.simulation.oscillator import ClockTruth
+from insgnss.simulation.signal_errors import Disturbance, ObservationNoise, PathErrors, SkyGeometry
 from insgnss.simulation.signal_paths import AntennaMotion as AntennaMotion
 from insgnss.simulation.signal_paths import SignalPaths as SignalPaths
 from insgnss.simulation.signal_paths import antenna_motion as antenna_motion

@@ -18,11 +18,11 @@ from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.log_files import write_gnss, write_imu, write_reference
 from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.sample_trajectories import AIRFIELD, level_turns
 from insgnss.simulation.simulated_log import ClockStart, Scenario, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
+from insgnss.simulation.trajectory import reference_table
 from insgnss.tables import GnssTable
 
 GPS_WEEK = 2385

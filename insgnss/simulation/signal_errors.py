@@ -1,22 +1,56 @@
 """Signal errors beyond noise: reflections, wrong messages, atmosphere that differs from the model.
 
 Each source is a function that draws its part of code and carrier along the whole scenario; the range rate's part is
-the derivative of the carrier's.
+the derivative of the carrier's. ``ObservationNoise`` and ``Disturbance`` are the forms that a receiver takes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from insgnss.simulation.disturbance import PathErrors, SkyGeometry
 from insgnss.tables import Float64
 
 # Earth's radius over the shell's, 350 km higher up [IS-GPS-200N, 20.3.3.5.2.5]
 _IONOSPHERE_SHELL: Final = 0.948
 _LOWEST_MAPPED_SINE: Final = 0.05
+
+
+class ObservationNoise(Protocol):
+    """White noise of one kind of observation."""
+
+    def sigma(self, elevation: Float64, cn0_dbhz: Float64) -> Float64:
+        """Return sigma for elevations [rad] and C/N0 [dBHz]."""
+
+
+class PathErrors(NamedTuple):
+    """A disturbance of code and carrier of all columns, (m, n) each [m]."""
+
+    code_m: Float64
+    carrier_m: Float64
+
+
+@dataclass(frozen=True)
+class SkyGeometry:
+    """The sky as disturbances see it: n satellites for each of ``codes`` signals."""
+
+    t_s: Float64  # (m,) true time
+    elevation: Float64  # (m, n) [rad]
+    direction_e: Float64  # (m, n, 3) unit, towards the satellites
+    satellite_r_e: Float64  # (m, n, 3) [m]
+    satellite_inertial_v_e: Float64  # (m, n, 3) [m/s]
+    codes: int
+    wavelength_m: Float64  # (codes n,) of each column
+    ionosphere_factor: Float64  # (codes n,) delay of the code over that on L1
+
+
+class Disturbance(Protocol):
+    """A source of errors that is not white noise."""
+
+    def __call__(self, sky: SkyGeometry, rng: np.random.Generator) -> PathErrors:
+        """Return one realisation along the whole scenario."""
 
 
 def markov(t_s: Float64, columns: int, correlation_time_s: float, rng: np.random.Generator) -> Float64:

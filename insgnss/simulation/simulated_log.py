@@ -15,8 +15,7 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.simulated_sensors import SensorFault, SimulatedSensor
 from insgnss.constants import NS_PER_S
 from insgnss.simulation.further_receivers import FurtherReceivers
-from insgnss.simulation.imu import SensorOutput, accelerometer_model, gyro_model, measure
-from insgnss.simulation.imu_record import ImuRecord
+from insgnss.simulation.imu import ImuRecord, SensorOutput, accelerometer_model, gyro_model, measure
 from insgnss.simulation.observations import Fault, SimulatedReceiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
 from insgnss.simulation.sensors import draw_sensor, faults_of

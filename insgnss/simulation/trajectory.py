@@ -16,11 +16,13 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.local_level import geodetic, ned_axes
 from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.kernels.jit import kernel
-from insgnss.tables import Float64
+from insgnss.tables import Float64, ReferenceTable
 
 SPLINE_DEGREE = 5
 GAUSS_NODES = 5  # exact for polynomials of degree 9 inside one sampling interval
@@ -172,3 +174,19 @@ def _blocks(count: int) -> Iterator[slice]:
     """Yield slices of edges that cover ``count`` intervals, neighbours sharing one edge."""
     for first in range(0, count, INTERVALS_AT_ONCE):
         yield slice(first, min(first + INTERVALS_AT_ONCE, count) + 1)
+
+
+def reference_table(motion: TrajectoryState, start_ns: int) -> ReferenceTable:
+    """Return the motion of the IMU as a reference of the best quality; ``start_ns`` is the GPS time of its t = 0."""
+    place = geodetic(motion.r_e)
+    C_ne = ned_axes(place)
+    yaw_pitch_roll = Rotation.from_matrix(C_ne @ motion.C_eb).as_euler("ZYX", degrees=True)
+    return ReferenceTable(
+        t_ns=start_ns + np.rint(motion.t_s * NS_PER_S).astype(np.int64),
+        lat_deg=np.rad2deg(place[:, 0]),
+        lon_deg=np.rad2deg(place[:, 1]),
+        h_m=place[:, 2],
+        v_n=np.einsum("nij,nj->ni", C_ne, motion.v_e),
+        rpy_deg=yaw_pitch_roll[:, ::-1],
+        quality=np.ones(len(place)),
+    )

@@ -42,11 +42,10 @@ from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sample_trajectories import AIRFIELD, airborne_turns
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 from insgnss.status import USED
 from insgnss.tables import Float64, NavigationData
 

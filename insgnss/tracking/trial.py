@@ -21,13 +21,18 @@ from insgnss.tracking.channels import (
     no_aid,
     scene,
 )
-from insgnss.tracking.cn0_estimators import SYMBOL_BLOCK, moment_cn0_dbhz, narrow_wide_cn0_dbhz
 from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminators import equivalent_variance
 from insgnss.tracking.frequency_loop import FrequencyLoop
-from insgnss.tracking.lock_detectors import phase_lock, slip_time_s
+from insgnss.tracking.lock_and_cn0 import (
+    SYMBOL_BLOCK,
+    moment_cn0_dbhz,
+    narrow_wide_cn0_dbhz,
+    phase_lock,
+    slip_time_s,
+)
 from insgnss.tracking.loop_filters import LoopFilter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.phase_motion import steady_phase, wandering_phase

@@ -14,9 +14,9 @@ from insgnss.attitude.gyro_attitude import (
     NOT_SEEN,
     USED,
     GyroAttitude,
+    advance,
     gyro_errors,
 )
-from insgnss.attitude.gyro_motion import advance
 from insgnss.attitude.gyro_trial import History, Swing, Trial
 from insgnss.config.library import imu_grade
 from insgnss.constants import WGS84_OMEGA_RADPS

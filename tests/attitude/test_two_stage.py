@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from insgnss.attitude.attitude_fit import wahba
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -19,7 +20,6 @@ from insgnss.attitude.baselines import (
 )
 from insgnss.attitude.integer_search import nearest_integers
 from insgnss.attitude.two_stage import Epoch, equivalent_orders, is_turned_over, solve
-from insgnss.attitude.wahba_problem import wahba
 from insgnss.errors import ConfigError, GeometryError
 from insgnss.geodesy.rotations import rotation_matrix, rotation_vector
 from tests.attitude.arrays import eight, four_antennas, mixed

@@ -33,10 +33,9 @@ from insgnss.simulation.observations import (
     signal_paths,
 )
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sample_trajectories import AIRFIELD, circle
 from insgnss.simulation.sky import nominal_constellation
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 from insgnss.tables import EphemerisTable, Float64, Int64
 
 WEEK, START_S = 2385, 100_000.0

@@ -15,14 +15,14 @@ from insgnss.interference import (
     receiver_models,
     two_stage_velocity_mps,
 )
-from insgnss.interference.phase_models import FREQUENCY, VELOCITY
-from insgnss.interference.riccati import discretised
-from insgnss.interference.sampled_theory import (
+from insgnss.interference.linear_threshold import (
     sampled_filter,
     sampled_one_stage_velocity_mps,
     sampled_phase_rms_rad,
     sampled_two_stage_velocity_mps,
 )
+from insgnss.interference.phase_models import FREQUENCY, VELOCITY
+from insgnss.interference.riccati import discretised
 
 CARRIER_HZ, CN0_DBHZ = 1.6e9, 40.0
 SKY = directions([20, 65, 110, 155, 200, 245, 290, 335], [12, 40, 20, 65, 15, 35, 70, 25])

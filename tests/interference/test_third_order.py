@@ -23,7 +23,7 @@ from insgnss.interference.steady_acceleration import (
 from insgnss.interference.third_order import third_order_gains, third_order_threshold_noise
 from insgnss.tables import Float64
 from insgnss.tracking.channels import ChannelDesign, ChannelSimulation, scene
-from insgnss.tracking.lock_detectors import slip_time_s
+from insgnss.tracking.lock_and_cn0 import slip_time_s
 from insgnss.tracking.loop_filters import LoopFilter, digital_filter, filter_from_continuous
 from insgnss.tracking.phase_motion import wandering_phase
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from insgnss.attitude.aperture import apertures
 from insgnss.attitude.baselines import sky_of_angles, triangle
-from insgnss.attitude.gyro_motion import advance
+from insgnss.attitude.gyro_attitude import advance
 from insgnss.attitude.integer_search import nearest_integers
 from insgnss.tables import Float64
 from tests.kernels import KernelCase

@@ -9,9 +9,9 @@ import numpy as np
 
 from insgnss.gpstime import ns_to_datetime
 from insgnss.simulation.log_files import write_gnss, write_imu, write_reference
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.simulated_log import Simulator
+from insgnss.simulation.trajectory import reference_table
 from insgnss.tables import GnssTable, ImuTable
 from tests.runs.scenes import LEVER_ARM_B, TACTICAL, TCXO, WEEK
 

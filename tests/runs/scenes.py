@@ -19,13 +19,12 @@ from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
-from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.observations import Fault, NoiseTerms, SimulatedReceiver
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sample_trajectories import AIRFIELD, airborne_turns
+from insgnss.simulation.signal_errors import Disturbance
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over, nominal_constellation
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 from insgnss.tables import GnssTable, ImuTable, NavigationData
 
 WEEK = 2385

@@ -18,8 +18,7 @@ from insgnss.runs.engine import Engine
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
-from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
-from insgnss.simulation.signal_errors import MessageErrors
+from insgnss.simulation.signal_errors import Disturbance, MessageErrors, PathErrors, SkyGeometry
 from insgnss.tables import PreciseProducts
 from tests.filter.test_engine import no_delay, stream
 from tests.runs.scenes import disturbed, flight, rows_where, turns

@@ -20,7 +20,7 @@ from insgnss.log.checks.sensor_findings import (
 )
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.runs.gnss_track import solve_track
+from insgnss.runs.check import solve_track
 from insgnss.runs.simulate import Simulation, simulate
 from tests.sensors.scenes import declared, simulated
 

@@ -9,8 +9,7 @@ from pymap3d.vincenty import vreckon
 from insgnss.errors import ConfigError
 from insgnss.simulation import sample_trajectories
 from insgnss.simulation.course import ManoeuvreSequence, smoothstep
-from insgnss.simulation.reference import reference_table
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 from insgnss.tables import ReferenceTable
 
 

@@ -13,8 +13,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.simulation.aerobatics import smoothstep_integral
 from insgnss.simulation.course import smoothstep
 from insgnss.simulation.itinerary import ManoeuvreError, course_of, knot_s_of
-from insgnss.simulation.reference import reference_table
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 
 LIST = TypeAdapter(list[Manoeuvre])
 PLACE = (60.0, 30.0, 500.0, 10.0)

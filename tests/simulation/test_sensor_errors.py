@@ -11,8 +11,14 @@ from scipy.signal import welch
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.imu import TriadErrorModel, accelerometer_model, gyro_model, low_pass, measure
-from insgnss.simulation.imu_record import ImuRecord
+from insgnss.simulation.imu import (
+    ImuRecord,
+    TriadErrorModel,
+    accelerometer_model,
+    gyro_model,
+    low_pass,
+    measure,
+)
 from insgnss.simulation.vibration import RISE_S, VibrationSpectrum, vibration
 from insgnss.tables import ImuTable
 from tests.statistics_bounds import assert_mean_chi_square

@@ -15,9 +15,7 @@ from insgnss.constants import C_MPS
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.simulation import sample_trajectories
-from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.faults import carrier_false_lock
-from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
 from insgnss.simulation.observations import (
     NoiseTerms,
     SignalObservations,
@@ -27,15 +25,24 @@ from insgnss.simulation.observations import (
     signal_paths,
 )
 from insgnss.simulation.oscillator import ClockTruth
-from insgnss.simulation.reception import HIDDEN_DBIC, ReceivingAntenna, Reception
+from insgnss.simulation.reception import (
+    CA_CHIP_M,
+    HIDDEN_DBIC,
+    CarrierLoopNoise,
+    CodeLoopNoise,
+    FrequencyLoopNoise,
+    ReceivingAntenna,
+    Reception,
+    TrackingRules,
+)
 from insgnss.simulation.signal_errors import (
     AirResiduals,
+    Disturbance,
     MarkovMultipath,
     MessageErrors,
     SpecularReflection,
     smooth_markov,
 )
-from insgnss.simulation.signal_tracking import TrackingRules
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
 from insgnss.simulation.trajectory import Trajectory
 from tests.statistics_bounds import assert_mean_chi_square

@@ -25,10 +25,10 @@ from insgnss.runs.agreement import HeadingAgreement
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.simulation.observations import NoiseTerms
-from insgnss.studies.consistency.epoch_residuals import fitted
 from insgnss.studies.consistency.error_statistics import independent_in_time, known_from
 from insgnss.studies.consistency.innovation_statistics import (
     common_factor,
+    fitted,
     independent_count,
     truncated_mean,
     whiteness_of,

@@ -31,7 +31,7 @@ from insgnss.studies.receiver.variants import (
     without_ins,
 )
 from insgnss.studies.receiver.workspace import AidingInputs, ReceiverHistory, SignalArrivals
-from insgnss.tracking.lock_detectors import SLIP_SHARE
+from insgnss.tracking.lock_and_cn0 import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import channels_of, levels_of, noise_count
 

@@ -15,7 +15,7 @@ from insgnss.studies.campaign.cases import receiver
 from insgnss.studies.campaign.results import data_set
 from insgnss.studies.campaign.study import run_campaign
 from insgnss.studies.receiver.comparison import receiver_study
-from insgnss.studies.receiver.limits import crossing
+from insgnss.studies.receiver.linear_theory import crossing
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import run_many
 from insgnss.studies.receiver.scene import scene_of

@@ -10,12 +10,13 @@ import pytest
 from insgnss.errors import ConfigError
 from insgnss.tracking.admissible import signal_ratio
 from insgnss.tracking.channels import data_signs
-from insgnss.tracking.cn0_estimators import moment_cn0_dbhz, narrow_wide_cn0_dbhz
-from insgnss.tracking.lock_detectors import (
+from insgnss.tracking.lock_and_cn0 import (
     expected_frequency_lock,
     expected_phase_lock,
     frequency_lock,
     locked,
+    moment_cn0_dbhz,
+    narrow_wide_cn0_dbhz,
     phase_lock,
     slip_time_s,
 )

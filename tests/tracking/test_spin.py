@@ -10,7 +10,7 @@ import pytest
 from insgnss.errors import ConfigError
 from insgnss.tracking.aiding_source import aid_from
 from insgnss.tracking.channels import ChannelDesign, ChannelHistory, ChannelSimulation, scene
-from insgnss.tracking.lock_detectors import slip_time_s
+from insgnss.tracking.lock_and_cn0 import slip_time_s
 from insgnss.tracking.loop_filters import continuous_gains, digital_filter, filter_from_continuous
 from insgnss.tracking.spin import (
     Spin,

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.antenna.equipment import installation, limits_of
-from insgnss.antenna.gain_map import gain_map
+from insgnss.antenna.visibility import gain_map
 from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InsGnssError

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from insgnss.runs.columns.inputs import INPUT_SHEETS
-from insgnss.runs.columns.point_tables import POINT_SHEETS
-from insgnss.runs.columns.run_tables import RUN_SHEETS
+from insgnss.runs.columns.run_tables import POINT_SHEETS, RUN_SHEETS
 from insgnss.runs.columns.sheet import Sheet
 from insgnss.runs.columns.statuses import STATUS_MEANINGS
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from insgnss.antenna.equipment import limits_of
-from insgnss.antenna.gain_map import gain_map
-from insgnss.antenna.visibility import DECISIONS
+from insgnss.antenna.visibility import DECISIONS, gain_map
 from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure, save_figure, with_caption
 from insgnss.runs.datum import what_and_when
 from insgnss.runs.visibility.study import VisibilityStudy

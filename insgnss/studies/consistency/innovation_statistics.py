@@ -8,6 +8,10 @@ that the filter is right, z^2 of a used row has the mean
 which is 0.9733 at 3, 0.99999 at 5 sigmas. Bounds and noise factors here are about that mean, not about 1. Rows that
 another test refused (inconsistent, drifting, reflected) were cut off in no such simple way: they count as refused, and
 the robust scale, a median over used and refused rows, shows whether the refused ones change the picture.
+
+The innovations of an epoch share the error of the predicted state, which may be most of them: of range rates it is. A
+weighted fit of three coordinates and the clocks (``fitted``) takes that out exactly, whatever its covariance; what is
+left is noise.
 """
 
 from __future__ import annotations
@@ -23,10 +27,12 @@ from scipy import optimize, stats
 
 from insgnss.geodesy.directions import directions
 from insgnss.runs.result import Run
-from insgnss.studies.consistency.epoch_residuals import fitted
 from insgnss.studies.consistency.error_statistics import LEAST_ROWS
 from insgnss.tables import Float64, Int64
 
+_PLACE: Final = 3
+_MOST_LEVERAGE: Final = 0.95  # a row that the fit follows says nothing of its noise
+_RANK: Final = 1e-9
 GATE_KEYS: Final = {
     "pseudorange": "pseudorange_sigma",
     "range_rate": "range_rate_sigma",
@@ -43,6 +49,41 @@ _MAD_TO_SIGMA: Final = 1.482602218505602  # of a normal distribution
 _LARGEST_FACTOR: Final = 30.0
 
 
+def fitted(rows: pd.DataFrame) -> tuple[Float64, Float64]:
+    """Return the residuals (n,) over their sigma and the leverages (n,) of used rows of one kind, NaN without a say.
+
+    Equation: nu = [u 1] x + v, v ~ (0, diag r); e = nu - [u 1] x_hat has the variance r_i (1 - h_ii), h_ii = r_i^-1
+              a_i^T (sum_j a_j a_j^T / r_j)^-1 a_i
+
+    Parameters
+    ----------
+    rows : time_s clock innovation r u_n u_e u_d; ``clock`` groups rows that may differ by a clock's offset
+    """
+    n = len(rows)
+    if n == 0:
+        return np.zeros(0), np.zeros(0)
+    _, epoch = np.unique(rows["time_s"].to_numpy(), return_inverse=True)
+    _, clock = np.unique(rows["clock"].to_numpy(str), return_inverse=True)
+    order = np.argsort(epoch, kind="stable")
+    count = np.bincount(epoch)
+    place = np.empty(n, np.intp)
+    place[order] = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
+    width = _PLACE + int(clock.max()) + 1
+    A = np.zeros((len(count), int(count.max()), width))
+    nu = np.zeros(A.shape[:2])
+    sd = np.sqrt(rows["r"].to_numpy())
+    A[epoch, place, :_PLACE] = -rows[["u_n", "u_e", "u_d"]].to_numpy() / sd[:, None]
+    A[epoch, place, _PLACE + clock] = 1.0 / sd
+    nu[epoch, place] = rows["innovation"].to_numpy() / sd
+    inverse = np.linalg.pinv(np.einsum("eij,eik->ejk", A, A), rcond=_RANK, hermitian=True)
+    x = np.einsum("ejk,eik,ei->ej", inverse, A, nu)
+    left = (nu - np.einsum("eij,ej->ei", A, x))[epoch, place]
+    leverage = np.einsum("eij,ejk,eik->ei", A, inverse, A)[epoch, place]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = np.where(leverage < _MOST_LEVERAGE, left / np.sqrt(1.0 - leverage), np.nan)
+    return scaled, np.where(np.isfinite(scaled), leverage, np.nan)
+
+
 class InnovationRows(NamedTuple):
     """The rows of a ledger that were judged by their innovation, and what they need for the statistics."""
 
@@ -54,7 +95,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
     """Return the used rows and those refused for their innovation, from a time on.
 
     ``share`` is D / S, the part of an innovation's variance that is the state's: by it the rows of an epoch share the
-    state's error. ``residual`` and ``leverage`` are those of ``epoch_residuals``. A ledger does not give D of carrier
+    state's error. ``residual`` and ``leverage`` are those of ``fitted``. A ledger does not give D of carrier
     differences: their share is taken as zero and they have no residual.
     """
     m = run.measurements
@@ -81,7 +122,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
 
 
 def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """Return the rows of a kind as ``epoch_residuals`` wants them."""
+    """Return the rows of a kind as ``fitted`` wants them."""
     north, east, down = directions(rows["az_deg"], rows["el_deg"]).T
     letter = rows["sv"].str[0]
     return pd.DataFrame(

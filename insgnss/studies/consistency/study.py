@@ -10,7 +10,7 @@
 | sigmas        | navigation row   | time_s and the sigmas of heading, roll, pitch and biases |
 
 ``factor`` is what the assumed sigma of the noise should be multiplied by, from residuals in which the state's error has
-no part (``epoch_residuals``). A filter that widens its sigma for errors that last (correlation_time_s) does so in its
+no part (``innovation_statistics.fitted``). A filter that widens its sigma for errors that last (correlation_time_s) does so in its
 weights alone: the ledger, and the factor, refer to the plain sigma. Rows that a mask kept out were not judged by their
 innovation and do not count; ``innovation_statistics`` says how those behind a gate are treated.
 """  # noqa: E501 - the table is the documentation

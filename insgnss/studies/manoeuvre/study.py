@@ -29,7 +29,7 @@ from insgnss.filter.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
 from insgnss.gnss.least_squares import RANGE, FitRows, FitWorkspace, free_clocks
 from insgnss.results.shown import ResultDisplay
-from insgnss.studies.manoeuvre import pictures
+from insgnss.studies.figures import heat_map
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, Update
 from insgnss.studies.result_files import write_study
 from insgnss.tables import Bool
@@ -61,7 +61,7 @@ class ManoeuvreStudy(ResultDisplay):
         numbers = self.cases.select_dtypes("number").columns
         if column not in numbers:
             raise ConfigError(f"no column '{column}'", key=column, advice=f"give one of {', '.join(numbers)}")
-        return pictures.heat_map(self.cases, column)
+        return heat_map(self.cases, column)
 
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
         """Return how to draw each picture, by its file's name."""

@@ -27,9 +27,8 @@ from insgnss.simulation.observations import (
     paths_to,
 )
 from insgnss.simulation.oscillator import simulate_clock
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sky_law import SkyLaw
-from insgnss.simulation.trajectory import Trajectory
+from insgnss.simulation.trajectory import Trajectory, reference_table
 from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import sky_of
 from insgnss.tables import Float64, ImuTable, ReferenceTable, stretches_of

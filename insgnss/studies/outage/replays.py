@@ -31,7 +31,7 @@ from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.runs.further_antennas import require_common_epochs
+from insgnss.runs.antennas_on_demand import require_common_epochs
 from insgnss.runs.gnss_rows import row_corrections
 from insgnss.runs.result_tables import nav_table
 from insgnss.runs.setup import setup_filter

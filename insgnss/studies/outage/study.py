@@ -35,7 +35,7 @@ from insgnss.log.flight import Flight
 from insgnss.results.matplotlib_figure import with_caption
 from insgnss.results.shown import ResultDisplay
 from insgnss.runs.datum import FLIGHT, GPS_WEEK, what_and_when
-from insgnss.studies.outage import pictures
+from insgnss.studies.figures import drift_figure
 from insgnss.studies.outage.drift import back_after, differences, percentile_table, to_reference
 from insgnss.studies.outage.replays import Branch, OutageLog, branches, undisturbed
 from insgnss.studies.outage.windows import (
@@ -106,7 +106,7 @@ class OutageStudy(ResultDisplay):
     def figure(self) -> Figure:
         """Return the picture: drift and sigma by time since the loss."""
         title = f"without {self.asked['removal']}"
-        figure = pictures.drift_figure(self.drift, self.errors, self.percentiles, title)
+        figure = drift_figure(self.drift, self.errors, self.percentiles, title)
         return with_caption(figure, what_and_when(self.undisturbed))
 
     def save(self, folder: str | Path, *, pictures: bool = True) -> Path:

@@ -65,8 +65,7 @@ from insgnss.studies.receiver import pictures
 from insgnss.studies.receiver.admission import checked_call, unused_options, wanted_variants
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
 from insgnss.studies.receiver.jammed_sky import emitters_of
-from insgnss.studies.receiver.limits import threshold_table
-from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, LinearTheory
+from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, LinearTheory, threshold_table
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row

@@ -20,7 +20,7 @@ import numpy as np
 
 from insgnss.studies.receiver.workspace import NO_SIGNAL
 from insgnss.tables import Bool, Float64, Int64
-from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
+from insgnss.tracking.lock_and_cn0 import moment_cn0_dbhz
 from insgnss.tracking.vector_loop import RATIO, ChannelConstants, levels_of
 
 _GONE: Final = 4  # windows in a row without a signal

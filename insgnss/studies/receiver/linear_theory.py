@@ -11,7 +11,7 @@
     theory.threshold_dbhz()          # NaN where there is none
     theory.errors(40.0).phase_rad
 
-Thresholds of steady models neglect the length T of an integration, errors do not (``interference.sampled_theory``).
+Thresholds of steady models neglect the length T of an integration, errors do not (``interference.linear_threshold``).
 Neglects: of the IMU scale factors, misalignments and a random walk of its biases. It does not know loops that are wider
 than the optimal ones or made for another C/N0, a filter behind channels, and the replicas of ``optimal``, which the
 second stage sets anew; nothing of ``optimal`` without INS.
@@ -20,29 +20,32 @@ second stage sets anew; nothing of ``optimal`` without INS.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
+from scipy import stats
 
 from insgnss.config.imu import ImuGrade
 from insgnss.errors import ConfigError
 from insgnss.geodesy.directions import directions
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.discriminators import ENGINEERING_RATIO, discriminator
-from insgnss.interference.linear_threshold import phase_threshold
+from insgnss.interference.linear_threshold import (
+    phase_threshold,
+    sampled_filter,
+    sampled_one_stage_velocity_mps,
+    sampled_phase_rms_rad,
+    sampled_two_stage_velocity_mps,
+)
 from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.phase_models import (
     PhaseModel,
     UnknownAcceleration,
     channel_model,
     one_stage_model,
-)
-from insgnss.interference.sampled_theory import (
-    sampled_filter,
-    sampled_one_stage_velocity_mps,
-    sampled_phase_rms_rad,
-    sampled_two_stage_velocity_mps,
 )
 from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
 from insgnss.studies.receiver.scene import StudyScene
@@ -54,6 +57,8 @@ from insgnss.units import deg_per_h_to_radps, mg_to_mps2
 
 _INS_ERROR: Final = UnknownAcceleration(0.06, 100.0, 0.1, 1e-3)  # what an aided loop is designed for
 _NAMES: Final = {"q": "Q", "iq": "IQ", "sign": "sign(I)Q", "atan": "atan(Q/I)"}
+_CONFIDENCE: Final = 0.95
+_HALF: Final = 0.5
 
 
 class LinearErrors(NamedTuple):
@@ -172,3 +177,38 @@ def with_one_process(grade: ImuGrade) -> ImuGrade:
 
 def _rms(values: Float64) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def threshold_table(
+    summary: pd.DataFrame, linear_dbhz: Mapping[str, float], scene: StudyScene
+) -> pd.DataFrame:
+    """Return where half of the runs lose lock, a row a receiver; NaN where no share passes one half."""
+    rows = []
+    for name, table in summary.groupby("variant", sort=False):
+        ordered = table.sort_values("cn0_dbhz")
+        cn0, runs = ordered["cn0_dbhz"].to_numpy(), ordered["runs"].to_numpy()
+        lost = np.rint(ordered["lost"].to_numpy() * runs)
+        tail = 0.5 * (1.0 - _CONFIDENCE)
+        # the shares that runs as these leave open, by the beta distribution         [Clopper & Pearson 1934]
+        least = stats.beta.ppf(tail, np.maximum(lost, 1e-9), runs - lost + 1.0)
+        most = stats.beta.ppf(1.0 - tail, lost + 1.0, np.maximum(runs - lost, 1e-9))
+        threshold, low, high = (crossing(cn0, share) for share in (lost / runs, least, most))
+        linear = linear_dbhz[str(name)]
+        rows.append((name, threshold, low, high, scene.js_db(threshold), linear, scene.js_db(linear)))
+    columns = ["variant", "cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz", "linear_js_db"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def crossing(cn0_dbhz: Float64, share: Float64) -> float:
+    """Return the C/N0 at which a share that falls with it passes one half; NaN where it does not.
+
+    Parameters
+    ----------
+    cn0_dbhz : (n,) growing
+    """
+    falling = np.minimum.accumulate(share)  # more signal does not lose more
+    if not (falling[0] >= _HALF > falling[-1]):
+        return math.nan
+    k = int(np.flatnonzero(falling >= _HALF)[-1])
+    part = (falling[k] - _HALF) / (falling[k] - falling[k + 1])
+    return float(cn0_dbhz[k] + part * (cn0_dbhz[k + 1] - cn0_dbhz[k]))

@@ -47,7 +47,7 @@ from insgnss.studies.receiver.workspace import (
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
-from insgnss.tracking.lock_detectors import SLIP_SHARE
+from insgnss.tracking.lock_and_cn0 import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, noise_count
 

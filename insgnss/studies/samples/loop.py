@@ -39,9 +39,8 @@ from insgnss.studies.samples.search import (
 from insgnss.tables import Bool, GnssTable, ImuTable
 from insgnss.tracking.acquisition import SILENT, SILENT_ADVICE
 from insgnss.tracking.channel_kernel import RATE
-from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.codes import GPS_BIT_S, RangingCode
-from insgnss.tracking.lock_detectors import phase_lock
+from insgnss.tracking.lock_and_cn0 import moment_cn0_dbhz, phase_lock
 from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
 from insgnss.tracking.signal import Sampling, SignalSamples
 

@@ -41,12 +41,12 @@ from insgnss.errors import ConfigError, InputError
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.iq_file import IqFile, rounded, write_iq
 from insgnss.results.shown import ResultDisplay
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog
+from insgnss.simulation.trajectory import reference_table
+from insgnss.studies.figures import sample_figure
 from insgnss.studies.result_files import write_study
 from insgnss.studies.samples.loop import SampleEquipment, SampleLoop
-from insgnss.studies.samples.pictures import sample_figure
 from insgnss.studies.samples.search import expected_at_start, start_outlook
 from insgnss.studies.samples.tables import channel_table, epoch_table, search_table, summary_of
 from insgnss.tracking.admissible import (

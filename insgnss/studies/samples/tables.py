@@ -24,14 +24,14 @@ from insgnss.geodesy.local_level import ned_axes
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.nav_columns import PLACE, VELOCITY
 from insgnss.simulation.observations import WAVELENGTH_M
-from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import BORDER_S, SignalSky
 from insgnss.simulation.simulated_log import Scenario
+from insgnss.simulation.trajectory import reference_table
 from insgnss.studies.samples.loop import SampleLoop
 from insgnss.studies.samples.search import origin_chips
 from insgnss.tables import Float64, rms
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ
-from insgnss.tracking.lock_detectors import SLIP_SHARE
+from insgnss.tracking.lock_and_cn0 import SLIP_SHARE
 from insgnss.tracking.sample_channel import DELAY_CHIPS, MIDDLE, PHASE_RAD
 
 AXES: Final = ("n", "e", "d")
