@@ -41,9 +41,9 @@ def consistency(
     """Test innovations, errors and sigmas of a run against each other, and state the result in words."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(run), output):
-        from insgnss.studies.consistency.study import FILES, consistency_study
+        from insgnss.studies.consistency.study import Consistency, consistency_study
 
-        check_files(output, FILES, STUDY_KIND)
+        check_files(output, Consistency.files(), STUDY_KIND)
         with telling("studying the run"):
             study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)
             if output is not None:

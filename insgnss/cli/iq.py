@@ -52,12 +52,12 @@ def iq(
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml
         from insgnss.runs.simulate import simulate
-        from insgnss.studies.samples.study import FILES, RECEIVERS, record_samples, sample_receiver
+        from insgnss.studies.samples.study import RECEIVERS, SampleStudy, record_samples, sample_receiver
 
         if record is not None:
             check_file_replaceable(record, RECORDING_KIND)
         else:
-            check_files(output, FILES, STUDY_KIND)
+            check_files(output, SampleStudy.files(), STUDY_KIND)
         use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
         losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))
         with telling("simulating") as tell:
@@ -82,7 +82,7 @@ def iq(
                 results = {"summary": records(study.summary)} | ({"note": reason} if reason else {})
                 if output is not None:
                     tell("writing")
-                    results["wrote"] = [str(study.save(output, figure=pictures))]
+                    results["wrote"] = [str(study.save(output, pictures=pictures))]
     if as_json:
         print_json(results)
         return

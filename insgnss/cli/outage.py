@@ -78,10 +78,10 @@ def outage(
             refuse_given(context, ("length", "seed"), "without --every or --random")
         elif random is None:
             refuse_given(context, ("seed",), "without --random")
-        from insgnss.studies.outage.study import FILES, outage_study
+        from insgnss.studies.outage.study import OutageStudy, outage_study
         from insgnss.studies.outage.windows import Removal
 
-        check_files(output, FILES, STUDY_KIND)
+        check_files(output, OutageStudy.files(), STUDY_KIND)
         chosen = chosen_filter(filter, settings)
         removal = Removal(names_in(satellites), names_in(constellations), names_in(kinds))
         with telling("starting") as tell:

@@ -114,11 +114,11 @@ def receiver(
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna
-        from insgnss.studies.receiver.comparison import FILES, receiver_study
+        from insgnss.studies.receiver.comparison import ReceiverStudy, receiver_study
         from insgnss.studies.receiver.options import ReceiverOptions
         from insgnss.studies.receiver.variants import USUAL_VARIANTS
 
-        check_files(output, FILES, STUDY_KIND)
+        check_files(output, ReceiverStudy.files(), STUDY_KIND)
         if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):
             names = ("scalar", "one_stage")
         options = ReceiverOptions(

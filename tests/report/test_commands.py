@@ -19,7 +19,7 @@ from insgnss.cli.main import EXAMPLES, app
 from insgnss.report.export import FORMATS, _moved_to_point
 from insgnss.report.netcdf import as_dataset
 from insgnss.runs.result import Run
-from insgnss.studies.campaign import cluster, study
+from insgnss.studies.campaign import study, task_runners
 from insgnss.studies.campaign.study import CampaignConfig, load_campaign
 from tests.report.runs import made_run
 
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patched:
         patched.chdir(there)
         patched.setattr(study, "load_campaign", few_seeds)
-        patched.setattr(cluster, "usable_cores", lambda: 1)
+        patched.setattr(task_runners, "usable_cores", lambda: 1)
         yield there
 
 

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.config.library import find
 from insgnss.errors import ConfigError, ResultError
-from insgnss.studies.campaign import cluster
+from insgnss.studies.campaign import task_runners
 from insgnss.studies.campaign.results import Sums, data_set, failures, summary
 from insgnss.studies.campaign.study import CampaignConfig, load_campaign, prepare, run_campaign, tasks_of
 from insgnss.studies.campaign.tasks import RESULTS
@@ -153,7 +153,7 @@ def test_running_cluster_gives_the_bytes_of_one_process(tmp_path: Path) -> None:
 def test_without_dask_processes_of_this_machine_give_the_bytes_of_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "is_installed", lambda: False)
+    monkeypatch.setattr(task_runners, "is_installed", lambda: False)
     done = run_campaign(campaign(fails_at=3), tmp_path / "two", workers=2)
     run_campaign(campaign(fails_at=3), tmp_path / "one", workers=0)
 
@@ -166,7 +166,7 @@ def test_without_dask_a_task_that_kills_its_process_is_lost_and_no_other_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first task dies while the second waits in the same process."""
-    monkeypatch.setattr(cluster, "is_installed", lambda: False)
+    monkeypatch.setattr(task_runners, "is_installed", lambda: False)
     config = campaign(seeds=4, dies_at=1).model_copy(update={"grid": {"salt": (1,)}})
     done = run_campaign(config, tmp_path, workers=1)
 
@@ -187,7 +187,7 @@ def test_scheduler_without_dask_is_an_error_that_says_what_to_install(
 def test_scheduler_that_does_not_answer_is_an_error_with_advice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(task_runners, "PATIENCE_S", 0.5)
     with pytest.raises(ResultError, match="no scheduler answers"):
         run_campaign(campaign(), tmp_path, scheduler="tcp://127.0.0.1:9")
 

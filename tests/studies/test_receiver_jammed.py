@@ -20,9 +20,9 @@ from insgnss.gnss.signals import signal_of
 from insgnss.interference.spectra import modulation_of
 from insgnss.runs.margin.loops import separation
 from insgnss.studies import ReceiverOptions, receiver_study
+from insgnss.studies.receiver.antennas import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.comparison import ReceiverStudy
 from insgnss.studies.receiver.flight import FlightRequest, receiver_flight
-from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.tables import ALL_LOST, TRACKED_AGAIN, spans_without_a_channel, tracked
 from insgnss.studies.receiver.variants import VARIANTS

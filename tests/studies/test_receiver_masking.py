@@ -10,8 +10,8 @@ import pytest
 
 from insgnss.errors import ConfigError
 from insgnss.studies import ReceiverOptions, receiver_study
+from insgnss.studies.receiver.antennas import gain_dbic
 from insgnss.studies.receiver.comparison import ReceiverStudy
-from insgnss.studies.receiver.masking import gain_dbic
 from insgnss.studies.receiver.scene import scene_of
 from tests.antenna.vehicle import vehicle
 

@@ -23,7 +23,7 @@ from insgnss.gnss.signals import L1_HZ
 from insgnss.runs.margin import flown_margin
 from insgnss.runs.result import Run
 from insgnss.studies import ReceiverOptions
-from insgnss.studies.receiver.jammed_sky import jammed_cn0_dbhz
+from insgnss.studies.receiver.antennas import jammed_cn0_dbhz
 from insgnss.studies.receiver.runs import run_many
 from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.variants import VARIANTS

@@ -17,12 +17,17 @@ from insgnss.tracking.aided_loop import (
     perfect_aid,
     threshold_cn0_dbhz,
 )
-from insgnss.tracking.aiding_source import AidingSource, acceleration_aid, aid_from, source_from_doppler
+from insgnss.tracking.aiding_source import (
+    AidingSource,
+    acceleration_aid,
+    aid_from,
+    planned_source,
+    source_from_doppler,
+)
 from insgnss.tracking.channels import ChannelDesign, ChannelHistory, ChannelSimulation, scene
 from insgnss.tracking.lock_and_cn0 import slip_time_s
 from insgnss.tracking.loop_filters import continuous_gains, digital_filter, filter_from_continuous
 from insgnss.tracking.phase_motion import phase_of_range, steady_phase, wandering_phase
-from insgnss.tracking.planned_doppler import planned_source
 
 L1_HZ = 1_575.42e6
 DF_C_HZ = 1.022e6  # the paper's reference bandwidth for J/S

@@ -35,9 +35,8 @@ from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.results.saving import write_file
 from insgnss.results.shown import ResultDisplay
-from insgnss.studies.campaign import cluster
+from insgnss.studies.campaign import task_runners
 from insgnss.studies.campaign.cases import require_used
-from insgnss.studies.campaign.processes import on_processes
 from insgnss.studies.campaign.tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
 
 Value = bool | int | float | str
@@ -237,6 +236,6 @@ def _reports(tasks: list[Task], workers: int | None, scheduler: str | None) -> I
         return (run_task(task) for task in tasks)
     if not tasks:
         return iter(())
-    if scheduler is None and not cluster.is_installed():
-        return on_processes(tasks, workers)
-    return cluster.on_cluster(tasks, workers, scheduler)
+    if scheduler is None and not task_runners.is_installed():
+        return task_runners.on_processes(tasks, workers)
+    return task_runners.on_cluster(tasks, workers, scheduler)

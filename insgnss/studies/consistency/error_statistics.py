@@ -16,7 +16,7 @@ from scipy import stats
 
 from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.agreement import HeadingAgreement
-from insgnss.studies.result_files import MOMENT_DECIMALS
+from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
 BLOCKS: Final = {"position": POSITION, "velocity": VELOCITY, "attitude": ATTITUDE}

@@ -17,17 +17,15 @@ innovation and do not count; ``innovation_statistics`` says how those behind a g
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import pandas as pd
 
 from insgnss.errors import ConfigError, ResultError
-from insgnss.results.shown import ResultDisplay
 from insgnss.runs.agreement import heading_of
 from insgnss.runs.datum import label_as
 from insgnss.runs.result import Run
@@ -48,23 +46,22 @@ from insgnss.studies.consistency.innovation_statistics import (
     whiteness_of,
 )
 from insgnss.studies.consistency.words import verdict
-from insgnss.studies.result_files import write_study
+from insgnss.studies.saved_study import SavedStudy
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
-TABLES: Final = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")
-FILES: Final = (
-    *(f"consistency_{name}.csv" for name in TABLES),
-    "consistency_verdict.json",
-    "consistency.png",
-)
 _WHITENESS: Final = ("correlation", "bound", "pairs")
 
 
 @dataclass(frozen=True, repr=False)
-class Consistency(ResultDisplay):
+class Consistency(SavedStudy):
     """What ``consistency_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    PREFIX: ClassVar = "consistency_"
+    TABLES: ClassVar = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")
+    SETTINGS: ClassVar = "verdict"
+    PICTURES: ClassVar = {"consistency": "figure"}
 
     kinds: pd.DataFrame
     satellites: pd.DataFrame
@@ -94,17 +91,8 @@ class Consistency(ResultDisplay):
             self.innovations, self.kinds, self.satellites, self.whiteness, self.sigmas
         )
 
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write tables, verdict and picture as ``consistency_*`` into ``folder``; return it.
-
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        tables = (getattr(self, name) for name in TABLES)
-        summary = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
-        contents = (*tables, json.dumps(summary, indent=1), self.figure)
-        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        return {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
 
 
 def consistency_study(

@@ -5,11 +5,10 @@ The scenario of A. I. Sokolov and Yu. S. Yurchenko (2015): a user at rest, eleve
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -17,23 +16,27 @@ import pandas as pd
 from insgnss.config.library import scenario_config
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
-from insgnss.results.shown import ResultDisplay
 from insgnss.studies import figures
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, OutageCause, Sensors, Update
-from insgnss.studies.result_files import StudyContent, write_study
+from insgnss.studies.saved_study import SavedStudy
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 
 @dataclass(frozen=True, repr=False)
-class HiddenVariance(ResultDisplay):
+class HiddenVariance(SavedStudy):
     """What ``hidden_satellite_variance`` gives.
 
     ``table`` has one row for each satellite and update: time_s sv az_deg el_deg body_el_deg hidden waits
     d_range_m2 d_rate_m2ps2. ``hidden`` says that the update goes without it, ``waits`` that the heading is too
     uncertain for the stage to hide anything; D is that just before the update.
     """
+
+    PREFIX: ClassVar = "hidden_variance"
+    TABLES: ClassVar = ("", "_summary")
+    SETTINGS: ClassVar = "_settings"
+    PICTURES: ClassVar = {"hidden_variance": "figure"}
 
     table: pd.DataFrame
     scenario: ScenarioConfig
@@ -75,27 +78,12 @@ class HiddenVariance(ResultDisplay):
         title = f"{self.imu} IMU, {self.oscillator} clock, outage by {self.outage}{of_sensors}"
         return figures.variance_figure(self.table, outage.sv, (outage.from_s, outage.until_s), title)
 
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write the tables, the settings and the picture as ``hidden_variance*`` into ``folder``; return it.
+    def _table(self, name: str) -> pd.DataFrame:
+        return self.summary() if name else self.table
 
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        asked = {
-            "imu": self.imu,
-            "oscillator": self.oscillator,
-            "outage": self.outage,
-            "sensors": self.sensors,
-        }
-        settings = json.dumps({**asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
-        files: dict[str, StudyContent] = {
-            "hidden_variance.csv": self.table,
-            "hidden_variance_summary.csv": self.summary(),
-            "hidden_variance_settings.json": settings,
-            "hidden_variance.png": self.figure,
-        }
-        return write_study(folder, files, draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        asked = {name: getattr(self, name) for name in ("imu", "oscillator", "outage", "sensors")}
+        return {**asked, "scenario": self.scenario.model_dump(mode="json")}
 
 
 def hidden_satellite_variance(

@@ -13,11 +13,11 @@ filter still predicts what it has not seen. ``d_worst_m2`` is the largest among 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import pandas as pd
@@ -28,10 +28,9 @@ from insgnss.errors import ConfigError
 from insgnss.filter.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
 from insgnss.gnss.least_squares import RANGE, FitRows, FitWorkspace, free_clocks
-from insgnss.results.shown import ResultDisplay
 from insgnss.studies.figures import heat_map
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, Update
-from insgnss.studies.result_files import write_study
+from insgnss.studies.saved_study import SavedStudy
 from insgnss.tables import Bool
 
 if TYPE_CHECKING:
@@ -40,12 +39,16 @@ if TYPE_CHECKING:
 BANKS_DEG: Final = (0.0, 15.0, 30.0, 45.0, 60.0)  # right wing down
 HEADINGS_DEG: Final = tuple(30.0 * k for k in range(12))
 _STEEPEST_DEG: Final = 90.0
-_TABLES: Final = ("cases", "satellites")
 
 
 @dataclass(frozen=True, repr=False)
-class ManoeuvreStudy(ResultDisplay):
+class ManoeuvreStudy(SavedStudy):
     """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    PREFIX: ClassVar = "manoeuvre_"
+    TABLES: ClassVar = ("cases", "satellites")
+    SETTINGS: ClassVar = "scenario"
+    PICTURES: ClassVar = {f"manoeuvre_{column}": column for column in ("d_worst_m2", "n_hidden", "pdop")}
 
     cases: pd.DataFrame
     satellites: pd.DataFrame
@@ -65,20 +68,10 @@ class ManoeuvreStudy(ResultDisplay):
 
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
         """Return how to draw each picture, by its file's name."""
-        columns = ("d_worst_m2", "n_hidden", "pdop")
-        return {f"manoeuvre_{name}": lambda name=name: self.heat_map(name) for name in columns}  # type: ignore[misc]
+        return {name: partial(self.heat_map, column) for name, column in self.PICTURES.items()}
 
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write tables, scenario and pictures as ``manoeuvre_*`` into ``folder``; return it.
-
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        tables = {f"manoeuvre_{name}.csv": getattr(self, name) for name in _TABLES}
-        text = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
-        drawn = {f"{name}.png": draw for name, draw in self.figures().items()}
-        return write_study(folder, {**tables, "manoeuvre_scenario.json": text, **drawn}, draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        return self.scenario.model_dump(mode="json")
 
 
 def manoeuvre_study(

@@ -29,7 +29,7 @@ from insgnss.simulation.observations import (
 from insgnss.simulation.oscillator import simulate_clock
 from insgnss.simulation.sky_law import SkyLaw
 from insgnss.simulation.trajectory import Trajectory, reference_table
-from insgnss.studies.result_files import MOMENT_DECIMALS
+from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import sky_of
 from insgnss.tables import Float64, ImuTable, ReferenceTable, stretches_of
 from insgnss.units import deg_to_rad

@@ -29,7 +29,7 @@ from insgnss.studies.masking.receiver_channels import (
     unsupervised_channels,
 )
 from insgnss.studies.masking.supervised_receiver import SupervisedChannels, supervised_channels_of
-from insgnss.studies.result_files import MOMENT_DECIMALS
+from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import antennas_of
 from insgnss.tables import GnssTable
 

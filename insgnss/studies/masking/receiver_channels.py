@@ -25,7 +25,7 @@ from insgnss.receiver.tracking_state import TRACK
 from insgnss.simulation.faults import false_lock, outage
 from insgnss.simulation.observations import Fault
 from insgnss.studies.masking.banked_flight import Spell
-from insgnss.studies.result_files import MOMENT_DECIMALS
+from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.tables import Float64, Int8
 
 SEARCHED: Final = "searched"  # nothing was found until the satellite was back

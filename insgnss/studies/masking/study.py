@@ -23,11 +23,10 @@ Seconds of search are those of a hidden satellite in one flight, on average; ``i
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import pandas as pd
@@ -38,27 +37,33 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import unsupervised_sweep_s
-from insgnss.results.shown import ResultDisplay
 from insgnss.studies.masking import pictures
 from insgnss.studies.masking.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking.cases import CASES, CaseResult, fly
 from insgnss.studies.masking.decisions import decision_table
 from insgnss.studies.masking.receiver_channels import ChannelSpell
-from insgnss.studies.result_files import write_study
+from insgnss.studies.saved_study import SavedStudy
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
-TABLES: Final = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
 STUDY_SEED: Final = 2015
 _COMPARED_S: Final = 30.0
 _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 
 @dataclass(frozen=True, repr=False)
-class MaskingStudy(ResultDisplay):
+class MaskingStudy(SavedStudy):
     """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    PREFIX: ClassVar = "masking_"
+    TABLES: ClassVar = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
+    PICTURES: ClassVar = {
+        "masking_errors": "error_figure",
+        "masking_rows": "rows_figure",
+        "masking_reacquisition": "reacquisition_figure",
+    }
 
     cases: pd.DataFrame
     false_locks: pd.DataFrame
@@ -83,25 +88,8 @@ class MaskingStudy(ResultDisplay):
         """Return the picture of delay and search of each hidden satellite, without and with supervision."""
         return pictures.reacquisition_figure(self.reacquisition, self._title())
 
-    def figures(self) -> dict[str, Callable[[], Figure]]:
-        """Return how to draw each picture, by its file's name."""
-        return {
-            "masking_errors": self.error_figure,
-            "masking_rows": self.rows_figure,
-            "masking_reacquisition": self.reacquisition_figure,
-        }
-
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write the tables, the settings and the pictures as ``masking_*`` into ``folder``; return it.
-
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        settings = json.dumps({**self.asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
-        tables = {f"masking_{name}.csv": getattr(self, name) for name in TABLES}
-        drawn = {f"{name}.png": draw for name, draw in self.figures().items()}
-        return write_study(folder, {**tables, "masking_settings.json": settings, **drawn}, draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        return {**self.asked, "scenario": self.scenario.model_dump(mode="json")}
 
     def _outage_s(self) -> tuple[float, float]:
         return float(self.reacquisition["lost_s"].min()), float(self.reacquisition["returned_s"].max())

@@ -12,7 +12,7 @@ import pymap3d
 from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.reference_errors import errors_against
 from insgnss.studies.outage.replays import OutageLog
-from insgnss.studies.result_files import MOMENT_DECIMALS
+from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.tables import Bool, Float64
 
 # measure: what it is the length of

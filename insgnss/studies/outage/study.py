@@ -17,12 +17,11 @@ sqrt(sd^2 - sd_undisturbed^2), of ``errors`` the filter's own; ``sd_ratio`` is r
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import pandas as pd
@@ -33,7 +32,6 @@ from insgnss.errors import ConfigError
 from insgnss.kernels.compiled_ahead import usable_cores
 from insgnss.log.flight import Flight
 from insgnss.results.matplotlib_figure import with_caption
-from insgnss.results.shown import ResultDisplay
 from insgnss.runs.datum import FLIGHT, GPS_WEEK, what_and_when
 from insgnss.studies.figures import drift_figure
 from insgnss.studies.outage.drift import back_after, differences, percentile_table, to_reference
@@ -47,13 +45,11 @@ from insgnss.studies.outage.windows import (
     periodic_windows,
     random_windows,
 )
-from insgnss.studies.result_files import write_study
+from insgnss.studies.saved_study import SavedStudy
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
-TABLES: Final = ("windows", "drift", "errors", "percentiles")
-FILES: Final = (*(f"outage_{name}.csv" for name in TABLES), "outage_settings.json", "outage.png")
 _SETTLED_S: Final = 120.0  # after the start, before the first window of those that are not given
 
 
@@ -85,8 +81,12 @@ Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
 
 
 @dataclass(frozen=True, repr=False)
-class OutageStudy(ResultDisplay):
+class OutageStudy(SavedStudy):
     """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    PREFIX: ClassVar = "outage_"
+    TABLES: ClassVar = ("windows", "drift", "errors", "percentiles")
+    PICTURES: ClassVar = {"outage": "figure"}
 
     windows: pd.DataFrame
     drift: pd.DataFrame
@@ -109,17 +109,8 @@ class OutageStudy(ResultDisplay):
         figure = drift_figure(self.drift, self.errors, self.percentiles, title)
         return with_caption(figure, what_and_when(self.undisturbed))
 
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write tables, settings and picture as ``outage_*`` into ``folder``; return it.
-
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        tables = (getattr(self, name) for name in TABLES)
-        written = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
-        contents = (*tables, json.dumps(written, indent=1, default=str), self.figure)
-        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        return {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
 
 
 def outage_study(

@@ -46,11 +46,10 @@ they know C/N0 and meet no multipath. The order of the receivers is the publishe
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import pandas as pd
 
@@ -60,37 +59,37 @@ from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
 from insgnss.studies.receiver.admission import checked_call, unused_options, wanted_variants
+from insgnss.studies.receiver.antennas import emitters_of
 from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, receiver_flight
-from insgnss.studies.receiver.jammed_sky import emitters_of
 from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, LinearTheory, threshold_table
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
-from insgnss.studies.result_files import write_study
+from insgnss.studies.saved_study import SavedStudy
 from insgnss.tracking.admissible import require_seed, seeded
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
-_TABLES: Final = ("summary", "thresholds", "channels", "searches", "events", "epochs")
-_PICTURES: Final = ("receiver_errors", "receiver_epochs", "receiver_channel")
-FILES: Final = (
-    *(f"receiver_{name}.csv" for name in _TABLES),
-    "receiver_settings.json",
-    *(f"{name}.png" for name in _PICTURES),
-)
 _OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
 Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, repr=False)
-class ReceiverStudy(ResultDisplay):
+class ReceiverStudy(SavedStudy):
     """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    PREFIX: ClassVar = "receiver_"
+    TABLES: ClassVar = ("summary", "thresholds", "channels", "searches", "events", "epochs")
+    PICTURES: ClassVar = {
+        "receiver_errors": "figure",
+        "receiver_epochs": "epoch_figure",
+        "receiver_channel": "channel_figure",
+    }
 
     summary: pd.DataFrame
     thresholds: pd.DataFrame
@@ -114,20 +113,8 @@ class ReceiverStudy(ResultDisplay):
         cycle_m = C_MPS / float(options["carrier_hz"]) if self.asked["tracking"] == "coherent" else None
         return pictures.channel_figure(self.epochs, self._title(), cycle_m)
 
-    def figures(self) -> Mapping[str, Callable[[], Figure]]:
-        """Return how to draw each picture, by its file's name."""
-        return dict(zip(_PICTURES, (self.figure, self.epoch_figure, self.channel_figure), strict=True))
-
-    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
-        """Write tables, settings and pictures as ``receiver_*`` into ``folder``; return it.
-
-        Raises
-        ------
-        ResultError : the folder cannot be written
-        """
-        tables = (getattr(self, name) for name in _TABLES)
-        contents = (*tables, json.dumps(self.asked, indent=1, default=str), *self.figures().values())
-        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=pictures)
+    def _settings(self) -> Mapping[str, Any]:
+        return self.asked
 
     def _title(self) -> str:
         imu = self.asked["imu"]

@@ -25,8 +25,7 @@ from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.errors import ConfigError
 from insgnss.studies.receiver.admission import check_options, require_answers
-from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
-from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
+from insgnss.studies.receiver.antennas import ReceiverMasking, emitters_of, gain_dbic, jammed_cn0_dbhz
 from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
 from insgnss.studies.receiver.scene import StudyScene, scene_of
 from insgnss.studies.receiver.settling import SETTLED_DBHZ, Fall, settling_s

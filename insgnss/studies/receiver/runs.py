@@ -15,11 +15,11 @@ from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
+from insgnss.studies.receiver.antennas import ReceiverMasking
 from insgnss.studies.receiver.estimated_cn0 import EstimatedCn0
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver.interval_noise import disturbed_states
 from insgnss.studies.receiver.loop import run_receiver
-from insgnss.studies.receiver.masking import ReceiverMasking
 from insgnss.studies.receiver.search import Searches, SearchRow
 from insgnss.studies.receiver.variants import (
     InitialSigmas,

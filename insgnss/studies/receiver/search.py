@@ -17,7 +17,7 @@ from insgnss.filter.rows.replica_offset import COLUMNS
 from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import SignalScale, search_window
-from insgnss.studies.receiver.masking import AttitudeMask, ReceiverMasking
+from insgnss.studies.receiver.antennas import AttitudeMask, ReceiverMasking
 from insgnss.studies.receiver.workspace import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.tables import Bool, Float64, Int64
 from insgnss.tracking.vector_loop import ChannelConstants

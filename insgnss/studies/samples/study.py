@@ -19,14 +19,13 @@ milliseconds and data bits of the pseudoranges are resolved. No navigation messa
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
 import numpy as np
 import pandas as pd
@@ -40,15 +39,14 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.iq_file import IqFile, rounded, write_iq
-from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog
 from insgnss.simulation.trajectory import reference_table
 from insgnss.studies.figures import sample_figure
-from insgnss.studies.result_files import write_study
 from insgnss.studies.samples.loop import SampleEquipment, SampleLoop
 from insgnss.studies.samples.search import expected_at_start, start_outlook
 from insgnss.studies.samples.tables import channel_table, epoch_table, search_table, summary_of
+from insgnss.studies.saved_study import SavedStudy
 from insgnss.tracking.admissible import (
     require_known,
     require_number,
@@ -62,8 +60,6 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 RECEIVERS: Final = ("aided", "unaided")
-_TABLES: Final = ("summary", "epochs", "channels", "searches")
-FILES: Final = (*(f"{name}.csv" for name in _TABLES), "settings.json", "sample_receiver.png")
 Progress = Callable[[str], None]
 _Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]  # summary, epochs, channels, searches
 _SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 100.0, 0.3, 0.5, 1.0  # of the given start
@@ -89,8 +85,11 @@ class SimulatedFlight(Protocol):
 
 
 @dataclass(frozen=True, repr=False)
-class SampleStudy(ResultDisplay):
+class SampleStudy(SavedStudy):
     """What the receivers on samples did."""
+
+    TABLES: ClassVar = ("summary", "epochs", "channels", "searches")
+    PICTURES: ClassVar = {"sample_receiver": "figure"}
 
     summary: pd.DataFrame
     epochs: pd.DataFrame
@@ -103,17 +102,8 @@ class SampleStudy(ResultDisplay):
         """Return the picture: position errors with sigma, and channels in lock, for each C/N0."""
         return sample_figure(self.epochs, self.channels)
 
-    def save(self, folder: str | Path, *, figure: bool = True) -> Path:
-        """Write tables as CSV, settings and call as JSON, and the picture; return the folder.
-
-        Raises
-        ------
-        ResultError : it cannot be written
-        """
-        tables = (getattr(self, name) for name in _TABLES)
-        written = {**self.asked, "settings": self.settings.model_dump(mode="json")}
-        contents = (*tables, json.dumps(written, indent=1), self.figure)
-        return write_study(folder, dict(zip(FILES, contents, strict=True)), draws=figure)
+    def _settings(self) -> Mapping[str, Any]:
+        return {**self.asked, "settings": self.settings.model_dump(mode="json")}
 
 
 def sample_receiver(

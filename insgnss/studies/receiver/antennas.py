@@ -1,4 +1,6 @@
-"""Satellites that antennas and airframe hide from a receiver study's channels: their C/N0, and masking by attitude.
+"""What a receiver study's antennas receive: C/N0 past emitters, gains, satellites hidden by the airframe, masking.
+
+C/N0 on the way past emitters is by the link of the flown interference margin.
 
 A receiver that masks leaves out the channels whose satellites its antennas do not see at the attitude that its filter
 estimates, with the stage that masks a log's satellites (``antenna.visibility``), at the beginning of each block of
@@ -17,21 +19,73 @@ there to be locked on. Those are false locks of the sample level, and assumed in
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.antenna.installation import Installation
+from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, VisibilityLimits, look_at_all, new_looks
+from insgnss.config.interference import InterferenceConfig
+from insgnss.config.library import file_of
+from insgnss.config.strict import load_toml
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.filter.state import PSI
 from insgnss.geodesy.local_level import geodetic, ned_axes
-from insgnss.runs.margin.link import emitter_gain
+from insgnss.interference.margin import db, ratio
+from insgnss.runs.margin.link import emitter_gain, link
+from insgnss.runs.margin.loops import signal_loop
+from insgnss.runs.margin.path import FlownPath
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
-from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
 from insgnss.studies.receiver.workspace import FilterRoom
-from insgnss.tables import Bool, Float64, Int8
+from insgnss.tables import Bool, Float64, Int8, Int64
 
+LINK_STEP_S: Final = 0.1  # at which the link and the gains are evaluated
+_SATELLITE: Final = "G01"  # any of GPS: they have one signal
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
+
+
+def emitters_of(emitters: InterferenceConfig | str | Path) -> InterferenceConfig:
+    """Return emitters: as they are, from a file (a path ending in .toml), or by name from ``models/emitters``.
+
+    Raises
+    ------
+    ModelError, MissingFileError, ConfigError : there are none, or the file does not fit
+    """
+    if isinstance(emitters, InterferenceConfig):
+        return emitters
+    return load_toml(file_of("emitters", emitters), InterferenceConfig)
+
+
+def jammed_cn0_dbhz(
+    truth: ClosedLoopTruth,
+    emitters: InterferenceConfig,
+    start_s: float,
+    antennas: Installation | None = None,
+) -> Float64:
+    """Return the C/N0 of each channel at each integration, (n, m).
+
+    Equation: 1/q = N_0 / C + sum over emitters of (J/S) kappa, as ``flown_margin`` has it
+
+    Parameters
+    ----------
+    start_s : seconds of the week at the trajectory's t = 0
+    antennas : of the vehicle; None: 0 dBic everywhere
+    """
+    pick = _looked_at(truth)
+    place = geodetic(truth.r_e[pick])
+    C_ne = ned_axes(place)
+    C_nb = np.einsum("kij,kjl->kil", C_ne, truth.C_eb[pick])
+    shape = (len(pick), 3, 3)
+    time_s = (start_s + truth.t_s[pick]) % (NS_PER_WEEK / NS_PER_S)
+    path = FlownPath(time_s, place, C_nb, np.zeros(shape), np.zeros(len(pick)))
+    own = no_antenna() if antennas is None else antennas
+    received = link(path, emitters.emitter, emitters.receiver, own).received_dbw
+    gain = emitter_gain(C_nb, np.einsum("kij,kmj->kmi", C_ne, truth.directions(pick)), own, 0.0)
+    loop = signal_loop(_SATELLITE, emitters.receiver, emitters.emitter, {})
+    js = ratio(received[:, None] - (emitters.receiver.signal_dbw + gain)[..., None])
+    inverse = ratio(-(emitters.receiver.cn0_dbhz + gain)) + js @ loop.separation
+    return _at_all_times(truth, pick, -db(inverse))
 
 
 class ReceiverMasking(NamedTuple):
@@ -43,13 +97,23 @@ class ReceiverMasking(NamedTuple):
 
 def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
     """Return the antennas' gain towards each channel's satellite at each integration, (n, m)."""
-    every = max(round(LINK_STEP_S / truth.step_s), 1)
-    pick = np.unique(np.append(np.arange(0, len(truth.t_s), every), len(truth.t_s) - 1))
+    pick = _looked_at(truth)
     C_ne = ned_axes(geodetic(truth.r_e[pick]))
     u_n = np.einsum("kij,kmj->kmi", C_ne, truth.directions(pick))
     gain = emitter_gain(C_ne @ truth.C_eb[pick], u_n, antennas, AIRFRAME_LOSS_DB)
+    return _at_all_times(truth, pick, gain)
+
+
+def _looked_at(truth: ClosedLoopTruth) -> Int64:
+    """Return the integrations at which link and gains are evaluated, the last among them."""
+    every = max(round(LINK_STEP_S / truth.step_s), 1)
+    return np.unique(np.append(np.arange(0, len(truth.t_s), every), len(truth.t_s) - 1))
+
+
+def _at_all_times(truth: ClosedLoopTruth, pick: Int64, values: Float64) -> Float64:
+    """Return the values (k, m) of the picked integrations at all of them, (n, m)."""
     t = truth.t_s
-    return np.column_stack([np.interp(t, t[pick], gain[:, c]) for c in range(gain.shape[1])])
+    return np.column_stack([np.interp(t, t[pick], values[:, c]) for c in range(values.shape[1])])
 
 
 class AttitudeMask:
