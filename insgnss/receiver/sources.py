@@ -14,8 +14,7 @@ from insgnss.config.flight import Gnss
 from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.flight import FlightLogs
-from insgnss.receiver.event_log import read_receiver_events
-from insgnss.receiver.events import ReceiverEvents
+from insgnss.receiver.events import ReceiverEvents, read_receiver_events
 from insgnss.receiver.predictions import SupervisionSetup, outlook
 from insgnss.receiver.sightings import LATE_EPOCHS, Sightings, sightings_of
 from insgnss.receiver.supervised_run import SupervisedRun, supervise_run

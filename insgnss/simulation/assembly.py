@@ -30,7 +30,7 @@ from insgnss.simulation import faults
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.chosen_messages import nearest_messages, referred_to
 from insgnss.simulation.further_receivers import FurtherReceiver, FurtherReceivers, local_only
-from insgnss.simulation.imu import ImuRecord
+from insgnss.simulation.imu import ImuRecord, VibrationSpectrum
 from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.logged_reference import follow_reference
 from insgnss.simulation.observations import SYSTEM, Fault, NoiseTerms, SimulatedReceiver
@@ -59,7 +59,6 @@ from insgnss.simulation.sky import (
     nominal_constellation,
 )
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.simulation.vibration import VibrationSpectrum
 from insgnss.tables import NavigationData, ReferenceTable
 from insgnss.units import deg_to_rad
 

@@ -15,12 +15,19 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.simulated_sensors import SensorFault, SimulatedSensor
 from insgnss.constants import NS_PER_S
 from insgnss.simulation.further_receivers import FurtherReceivers
-from insgnss.simulation.imu import ImuRecord, SensorOutput, accelerometer_model, gyro_model, measure
+from insgnss.simulation.imu import (
+    ImuRecord,
+    SensorOutput,
+    VibrationSpectrum,
+    accelerometer_model,
+    gyro_model,
+    measure,
+    vibration,
+)
 from insgnss.simulation.observations import Fault, SimulatedReceiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
 from insgnss.simulation.sensors import draw_sensor, faults_of
 from insgnss.simulation.trajectory import Trajectory, TrajectoryState
-from insgnss.simulation.vibration import VibrationSpectrum, vibration
 from insgnss.tables import Bool, Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
 
 

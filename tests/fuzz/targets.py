@@ -34,7 +34,7 @@ from insgnss.log.sbf.reader import read_sbf
 from insgnss.log.ubx.reader import read_ubx
 from insgnss.log.ulog.reader import read_ulog
 from insgnss.log.yuma import read_yuma
-from insgnss.receiver.event_log import read_receiver_events
+from insgnss.receiver.events import read_receiver_events
 from insgnss.report.digest import digest
 from insgnss.report.export import as_csv
 from insgnss.report.geojson import as_geojson

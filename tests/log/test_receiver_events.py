@@ -8,7 +8,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ColumnError, InputError, MissingFileError
-from insgnss.receiver.event_log import read_receiver_events
+from insgnss.receiver.events import read_receiver_events
 from tests.log.writing import WEEK, write_lines
 
 HEADER = "time_s,sv,event"

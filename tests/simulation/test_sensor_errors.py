@@ -12,14 +12,16 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.imu import (
+    RISE_S,
     ImuRecord,
     TriadErrorModel,
+    VibrationSpectrum,
     accelerometer_model,
     gyro_model,
     low_pass,
     measure,
+    vibration,
 )
-from insgnss.simulation.vibration import RISE_S, VibrationSpectrum, vibration
 from insgnss.tables import ImuTable
 from tests.statistics_bounds import assert_mean_chi_square
 

@@ -10,12 +10,12 @@ from insgnss.constants import WGS84_A_M
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.faults import false_lock
+from insgnss.simulation.flight_text import mirrored_s
 from insgnss.simulation.observations import SimulatedReceiver, antenna_motion, observe_paths, paths_to
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.sky import PAPER_SKY, nominal_constellation
 from insgnss.simulation.sky_law import GPS_HEIGHT_M, SkyLaw, table_with_states
-from insgnss.simulation.slow_error_sizes import mirrored_s
 
 PLACE = (59.97, 30.32, 1000.0)
 LAW = SkyLaw.of_tracks(PLACE, PAPER_SKY, 1200.0)

@@ -22,10 +22,10 @@ from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.log.imu.csv_log import read_imu
 from insgnss.runs.result import Run
 from insgnss.simulation.assembly import assemble
+from insgnss.simulation.flight_text import slow_errors_of
 from insgnss.simulation.log_files import write_imu
 from insgnss.simulation.sample_flight import sample_scenario
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
-from insgnss.simulation.slow_error_sizes import slow_errors_of
 from insgnss.simulation.trajectory import reference_table
 from insgnss.tables import Event, Float64, ImuTable, ReferenceTable
 from tests.benchmarks.trust.rows import Case, Row
