@@ -47,7 +47,6 @@ def instant_rates(imu: TraceSamples, k: int, slope_samples: int, work: Float64) 
 
     Parameters
     ----------
-    imu : the samples
     k : the sample, at least 0
     slope_samples : n
     work : rows RATE, RATE_SLOPE, FORCE, FORCE_SLOPE are written

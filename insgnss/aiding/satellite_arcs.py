@@ -241,7 +241,6 @@ def elevations(arcs: Arcs, t_ns: Int64, r_e: Float64, up_e: Float64) -> Float64:
 
     Parameters
     ----------
-    arcs : the pieces
     t_ns : (n,) GPS time, covered by the pieces
     r_e : (n, 3) antenna position, ECEF [m]
     up_e : (n, 3) unit vector up, ECEF
@@ -267,7 +266,6 @@ def lines_of_sight(arcs: Arcs, t_ns: Int64, satellite: Int64, r_e: Float64) -> F
 
     Parameters
     ----------
-    arcs : the pieces
     t_ns : (q,) GPS time, covered by the pieces
     satellite : (q,) number of the satellite
     r_e : (q, 3) antenna position, ECEF [m]

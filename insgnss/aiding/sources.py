@@ -53,7 +53,6 @@ def aiding_sources(
     Parameters
     ----------
     filter : of the run that is aided
-    config : of the aiding
     channels : GLONASS channels beyond those of the messages
 
     Raises

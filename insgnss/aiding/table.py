@@ -170,7 +170,7 @@ class AidingTable:
 
     def _entries(self) -> Int64:
         """Return for each row the entry of its span and satellite."""
-        count = self._satellites_of_times()
+        count = np.repeat(np.diff(self.spans.first_satellite), np.diff(self.spans.first_time))  # of each time
         first_row = np.cumsum(count) - count
         first = np.repeat(self.spans.first_satellite[:-1], np.diff(self.spans.first_time))
         return np.repeat(first - first_row, count) + np.arange(self.n_rows)
@@ -200,10 +200,6 @@ class AidingTable:
     def satellite(self) -> Int16:
         """Return the satellite of each row, its number in ``sv_names``."""
         return np.asarray(self.spans.satellite[self._entries()], np.int16)
-
-    def _satellites_of_times(self) -> Int64:
-        """Return the number of rows of each time."""
-        return np.repeat(np.diff(self.spans.first_satellite), np.diff(self.spans.first_time))
 
     def columns(self, week: int, *, parts: bool = False) -> dict[str, npt.NDArray[Any]]:
         """Return the columns of the table, at the time of use; ``sv`` as number in ``sv_names``.

@@ -246,8 +246,6 @@ def gain_map(
 
     Parameters
     ----------
-    antennas : of the vehicle
-    limits : of the visibility stage
     azimuth_deg : (m,) from forward to the right
     down_deg : (n,) from straight up, 0, over the body's horizon, 90, to straight down, 180
 

@@ -126,7 +126,6 @@ def compare_events(
 
     Parameters
     ----------
-    log : the receiver's
     t_ns, state : (n,), (n, m) the supervisor's history; a state holds until the next epoch
     sv_names : names of its m satellites
     tolerance_s : how far the times may lie apart
@@ -139,7 +138,7 @@ def compare_events(
     lag_s = np.full(len(log.t_ns), np.nan)
     for i, (t, event) in enumerate(zip(log.t_ns, log.event, strict=True)):
         s = int(places[log.sv[i]])
-        if s < 0 or not _covers(t_ns, t):
+        if s < 0 or not len(t_ns) or not t_ns[0] <= t <= t_ns[-1]:
             continue
         at[i] = state[np.searchsorted(t_ns, t, side="right") - 1, s]
         verdict[i], lag_s[i] = _judge(int(t), int(event), t_ns, state[:, s], int(at[i]), tolerance_ns)
@@ -152,10 +151,6 @@ def compare_events(
         lag_s,
     )
     return EventComparison(verdicts, _by_satellite(log, verdict, t_ns, state, places))
-
-
-def _covers(t_ns: Int64, t: np.int64) -> bool:
-    return len(t_ns) > 0 and bool(t_ns[0] <= t <= t_ns[-1])
 
 
 def _judge(t: int, event: int, t_ns: Int64, state: Int8, at: int, tolerance_ns: int) -> tuple[int, float]:

@@ -56,7 +56,6 @@ def search_window(
     ----------
     cn0_dbhz : (..., m) predicted C/N0
     d_range_m2, d_rate_m2ps2 : (..., m) D of pseudorange [m^2] and range rate [m^2/s^2]; NaN: no prediction
-    settings : the supervisor's
     need : ``detector(settings.detection)``
     scale : of each satellite's signal; that of the settings' grid if None
     """

@@ -40,7 +40,6 @@ def presence(
 
     Parameters
     ----------
-    sightings : the receiver's
     t_ns : (n,) GPS time
     sv_names : names of the m satellites
     usual_ns : the usual interval of the receiver's epochs; that of these epochs if None

@@ -56,9 +56,7 @@ def supervision_sources(
     Parameters
     ----------
     filter : of the run: its antennas, its search settings
-    logs : of the flight
     gnss : of the flight file: its ``receiver_events`` are read
-    week : GPS week of the flight
 
     Raises
     ------

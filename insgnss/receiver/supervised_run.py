@@ -67,9 +67,7 @@ def supervise_run(
 
     Parameters
     ----------
-    view : the predictions
     sightings : what the receiver saw; None: nothing is known, a visible signal is there
-    settings : the supervisor's
     week : GPS week that ``time_s`` counts from
     receiver_log : the receiver's own events, to be compared
 

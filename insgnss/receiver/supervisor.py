@@ -100,7 +100,6 @@ class Supervisor:
     Parameters
     ----------
     satellites : how many; their places in the arrays stay the same
-    settings : the supervisor's
     scale : of each satellite's signal; that of the settings' grid if None
 
     Raises

@@ -61,7 +61,6 @@ def advance(
     Parameters
     ----------
     t_ns : (n,) strictly increasing, later than the epochs before
-    view, rules : input
     memory, spent : carried on
     state, reason : (n, m) output: the state after each epoch, and why it was entered (NONE: no transition)
     """

@@ -38,7 +38,6 @@ def contradiction(
     ----------
     events, measurements : of the run so far
     counts : how many measurements of each kind (columns) have each status (rows)
-    t_ns : time of the event
     """
     signs = []
     times = int((events["kind"] == RESET).sum())

@@ -176,8 +176,6 @@ class Engine(FilterEngine):
 
         Parameters
         ----------
-        name : of the sensor
-        t_ns : GPS time
         values : SI units, as ``insgnss.tables.SensorTable`` has them for each kind: of an odometer [m/s], of a
             barometer pressure altitude [m], of positions latitude, longitude [rad], height [m]; NaN: no reading
         sigma : of the values, those of the flight file when None

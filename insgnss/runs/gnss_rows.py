@@ -153,9 +153,8 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
     """
     assert logs.base is not None
     place_e = np.array(pymap3d.geodetic2ecef(base.lat_deg, base.lon_deg, base.h_m))
-    messages = (
-        None if logs.navigation is None else broadcast_messages(logs.navigation, max_age_s=_max_age_s(setup))
-    )
+    oldest_s = setup.config.measurements.max_ephemeris_age_s
+    messages = None if logs.navigation is None else broadcast_messages(logs.navigation, max_age_s=oldest_s)
     states = setup.states(logs.base, messages)
     corrections, events = differential_corrections(
         logs.base,
@@ -176,11 +175,6 @@ def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[
         raise _no_corrections(base)
     events.append(Event(None, "base_station", f"{100.0 * share:.0f} % of the rows have a correction"))
     return correction_m, events
-
-
-def _max_age_s(setup: FilterSetup) -> float | None:
-    """Return the oldest message that the settings allow [s], None for the messages' own validity."""
-    return setup.config.measurements.max_ephemeris_age_s
 
 
 def _no_coefficients(model: str) -> NavigationDataError:

@@ -8,7 +8,7 @@ import pandas as pd
 from insgnss.antenna.equipment import installation, limits_of, mounting
 from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
-from insgnss.config.flight import AttitudeConfig, MountedAntenna
+from insgnss.config.flight import AttitudeConfig
 from insgnss.filter.antennas.attitude import AttitudeAid
 from insgnss.filter.antennas.data import AntennaData
 from insgnss.filter.antennas.phase_log import KIND as KIND
@@ -50,7 +50,11 @@ def attitude_aid(setup: FilterSetup, flight: Flight, attitude: AttitudeConfig) -
     )
     hiding = None
     stage = setup.config.visibility
-    if stage.on and not stage.use_masked and any(_hides(antenna) for antenna in mounted):
+    if (
+        stage.on
+        and not stage.use_masked
+        and any(one.pattern != "isotropic" or one.obstruction is not None for one in mounted)
+    ):
         seen = [installation([antenna], folder, gnss.lever_b) for antenna in mounted]
         events += [event for _, more_events in seen[1:] for event in more_events]
         hiding = AntennaMasking(tuple(one for one, _ in seen), limits_of(stage))
@@ -59,10 +63,6 @@ def attitude_aid(setup: FilterSetup, flight: Flight, attitude: AttitudeConfig) -
         *(attitude.multipath_time_s, attitude.ratio, attitude.confirmations, attitude.gate_sigma, hiding),
     )
     return AttitudeAid(data, tuple(events))
-
-
-def _hides(antenna: MountedAntenna) -> bool:
-    return antenna.pattern != "isotropic" or antenna.obstruction is not None
 
 
 def with_differences(

@@ -193,18 +193,17 @@ def _from_csv(path: Path) -> pd.DataFrame:
         RecursionError,
         pa.ArrowException,
     ) as error:
-        raise ResultError(
-            f"the table does not match {COLUMN_TYPES} in its folder: {error}",
-            file=path,
-            advice=_replay_again(path.parent),
-        ) from error
+        raise _refusal(path, f"the table does not match {COLUMN_TYPES} in its folder: {error}") from error
 
 
 def _damaged(path: Path, error: Exception) -> NoReturn:
     reason = (str(error) or type(error).__name__).splitlines()[0]
-    raise ResultError(
-        f"the file is damaged: {reason}", file=path, advice=_replay_again(path.parent)
-    ) from error
+    raise _refusal(path, f"the file is damaged: {reason}") from error
+
+
+def _refusal(path: Path, what: str, *, column: str | None = None, key: str | None = None) -> ResultError:
+    """Return the error of a run's file that cannot be used."""
+    return ResultError(what, file=path, column=column, key=key, advice=_replay_again(path.parent))
 
 
 def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
@@ -218,13 +217,9 @@ def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
     is_ours = path.suffix != ".csv" or (path.parent / COLUMN_TYPES).is_file()
     for name in _COLUMNS[path.stem] if is_ours and len(table.columns) else ():
         if name not in table:
-            raise ResultError(
-                "the table has no such column", file=path, column=name, advice=_replay_again(path.parent)
-            )
+            raise _refusal(path, "the table has no such column", column=name)
     if not table.columns.is_unique:
-        raise ResultError(
-            "the table has two columns of one name", file=path, advice=_replay_again(path.parent)
-        )
+        raise _refusal(path, "the table has two columns of one name")
     # pandas would copy them, deeply, for each column that is looked at
     attrs, table.attrs = table.attrs, {}
     for name in map(str, table.columns):
@@ -242,13 +237,9 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
         return table  # a word that no row has
     content = words.cat.categories if isinstance(words.dtype, pd.CategoricalDtype) else words
     if len(content) and not pd.api.types.is_string_dtype(content):
-        raise ResultError(
-            "the column does not hold words", file=path, column=name, advice=_replay_again(path.parent)
-        )
+        raise _refusal(path, "the column does not hold words", column=name)
     if name in _COLUMNS[path.stem] and words.isna().any():
-        raise ResultError(
-            "an empty cell in the column", file=path, column=name, advice=_replay_again(path.parent)
-        )
+        raise _refusal(path, "an empty cell in the column", column=name)
     if name in _GROUPED and path.stem != "events" and not isinstance(words.dtype, pd.CategoricalDtype):
         return table.astype({name: "category"})
     return table
@@ -256,16 +247,14 @@ def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
 
 def _check_numbers(table: pd.DataFrame, name: str, path: Path) -> None:
     if not is_numeric_dtype(table[name]) or is_bool_dtype(table[name]):
-        raise ResultError(
-            "the column does not hold numbers", file=path, column=name, advice=_replay_again(path.parent)
-        )
+        raise _refusal(path, "the column does not hold numbers", column=name)
     values = table[name].to_numpy(np.float64)
     bad = ~(np.abs(values) <= _LARGEST.get(name, _LARGEST_OF_OTHERS))  # not a number, too
     if name not in _LARGEST or path.stem not in ("nav", "measurements"):
         bad &= ~np.isnan(values)  # an empty cell; an event of a whole file has no time
     if bad.any():
         detail = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
-        raise ResultError(detail, file=path, column=name, advice=_replay_again(path.parent))
+        raise _refusal(path, detail, column=name)
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -282,7 +271,7 @@ def _settings(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         _damaged(path, error)
     if not isinstance(settings, dict):
-        raise ResultError("the file holds no table of settings", file=path, advice=_replay_again(path.parent))
+        raise _refusal(path, "the file holds no table of settings")
     for keys in _TABLES_OF_SETTINGS:
         _check_entry(settings, keys, path, lambda value: isinstance(value, dict))
     for table in (("took",), ("filter", "gates")):
@@ -305,6 +294,4 @@ def _check_entry(settings: Mapping[str, Any], keys: Sequence[str], path: Path, i
     value = entry(settings, keys)
     if value is not None and not is_right(value):
         key = ".".join(keys)
-        raise ResultError(
-            f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_replay_again(path.parent)
-        )
+        raise _refusal(path, f"the entry cannot be {str(value)[:40]!r}", key=key)

@@ -29,7 +29,7 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.simulation import faults
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.chosen_messages import nearest_messages, referred_to
-from insgnss.simulation.further_receivers import FurtherReceiver, FurtherReceivers, local_only
+from insgnss.simulation.further_receivers import LOCAL, FurtherReceiver, FurtherReceivers
 from insgnss.simulation.imu import ImuRecord, VibrationSpectrum
 from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.logged_reference import follow_reference
@@ -280,7 +280,7 @@ def _further(config: SimulationConfig, main: SimulatedReceiver, folder: Path) ->
             main,
             lever_arm_b=antenna.lever_arm_m,
             reception=main.reception if plain else Reception(own, config.gnss.cn0_dbhz),
-            disturbances=local_only(main.disturbances),
+            disturbances=tuple(one for one in main.disturbances if isinstance(one, LOCAL)),
         )
         C_ba = mounting(antenna)
         tilted = attitude.wind_up and not np.allclose(C_ba, C_main, rtol=0.0, atol=1e-9)

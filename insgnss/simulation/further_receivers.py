@@ -20,7 +20,7 @@ from insgnss.simulation.observations import (
     to_table,
 )
 from insgnss.simulation.oscillator import ClockTruth
-from insgnss.simulation.signal_errors import Disturbance, MarkovMultipath, SpecularReflection
+from insgnss.simulation.signal_errors import MarkovMultipath, SpecularReflection
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import EphemerisTable, Float64, GnssTable
 
@@ -75,11 +75,6 @@ class FurtherReceivers:
             )
             logs.append(to_table(_wound_up(seen, one, antenna, paths), start_ns))
         return tuple(logs)
-
-
-def local_only(disturbances: Sequence[Disturbance]) -> tuple[Disturbance, ...]:
-    """Return the disturbances that belong to an antenna's own place."""
-    return tuple(disturbance for disturbance in disturbances if isinstance(disturbance, LOCAL))
 
 
 def _wound_up(

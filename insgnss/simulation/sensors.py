@@ -61,20 +61,18 @@ def draw_sensor(
     rng: np.random.Generator | None,
     faults: Sequence[told.SensorFault] = (),
 ) -> SensorTable:
-    """Return one realisation of a sensor's log, in the units of ``SensorTable``; without a generator free of errors."""
+    """Return one realisation of a sensor's log, in the units of ``SensorTable``; without a generator free of errors.
+
+    ``faults`` may be of other sensors, too.
+    """
     t_s = np.arange(int(duration_s * config.rate_hz + 1e-9) + 1) / config.rate_hz
     motion = trajectory.motion(t_s)
     values = _TRUTHS[config.kind](config, motion, _Errors(config, len(t_s), rng))
-    for fault in faults:
+    for fault in (one for one in faults if one.sensor == config.label):
         values = _with_fault(fault, config.kind, t_s, values)
     t_ns = start_ns + np.rint((t_s + config.time_offset_s) * NS_PER_S).astype(np.int64)
     none = 0 if config.kind == "magnetometer" else values.shape[1]
     return SensorTable(config.label, t_ns, values, np.full((len(t_s), none), np.nan))
-
-
-def faults_of(config: told.SimulatedSensor, faults: Sequence[told.SensorFault]) -> list[told.SensorFault]:
-    """Return the faults of one sensor."""
-    return [fault for fault in faults if fault.sensor == config.label]
 
 
 def _odometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:

@@ -26,7 +26,7 @@ from insgnss.simulation.imu import (
 )
 from insgnss.simulation.observations import Fault, SimulatedReceiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
-from insgnss.simulation.sensors import draw_sensor, faults_of
+from insgnss.simulation.sensors import draw_sensor
 from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.tables import Bool, Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
 
@@ -145,9 +145,7 @@ class Simulator:
                 rng,
             ),
             sensors=tuple(
-                draw_sensor(
-                    sensor, s.trajectory, s.duration_s, s.start_ns, rng, faults_of(sensor, s.sensor_faults)
-                )
+                draw_sensor(sensor, s.trajectory, s.duration_s, s.start_ns, rng, s.sensor_faults)
                 for sensor in s.sensors
             ),
         )

@@ -37,7 +37,6 @@ def variance_figure(
 
     Parameters
     ----------
-    table : of ``HiddenVariance``
     hidden : names of the satellites to mark
     outage_s : first and last moment of the outage
     """

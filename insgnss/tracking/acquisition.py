@@ -108,7 +108,6 @@ def acquire(
     samples : at least ``looks`` times ``coherent_s`` of them
     codes : of one rate and length
     span : of the search; a window of delays is that of all codes
-    carrier_hz : of the satellites
     bit_delays_chips : of each code the delay of its data bits at the first sample, good to half a code period; with
         it the Doppler is refined over whole bits, else over looks
 

@@ -167,7 +167,6 @@ def inertial_sources(
     acceleration_radps2 : true derivatives, (k, m), where the system gives them; else the rate is held
     error_density : S_INS of (5), one-sided [rad^2/s^3]
     latency_s : from validity to use
-    rng : of the errors
     """
     found = []
     for c in range(rate_radps.shape[1]):

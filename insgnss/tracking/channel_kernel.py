@@ -89,7 +89,6 @@ def correct_and_lead(
     ----------
     x : (7,) of the channel, led on
     Z : (3,) early, prompt, late correlators
-    gains : of the loops
     slopes : (3,) by which the outputs of the phase, frequency and delay discriminator are divided
     step_s : T, from the middle of this integration to that of the next
     aid_rate, aid_acceleration : y, y' [rad/s], [rad/s^2]

@@ -144,7 +144,6 @@ class CombinedModel:
         Parameters
         ----------
         initial : (3, 3) covariance of the first prediction [m^2]
-        count : number of epochs
         """
         P = np.asarray(initial, float)
         if P.shape != (3, 3) or not np.all(np.isfinite(P)) or count < 1:

@@ -45,7 +45,6 @@ def linear_transient(
     ----------
     model, gains : of the loop; (3, 2), or (count, 3, 2) that change
     phase_rad, code_m : true offsets at the start
-    count : number of epochs
     """
     error = np.array([code_m, 0.0, phase_rad * model.wavelength_m / (2.0 * math.pi)])
     F, found = model.transition(), np.empty((count, 3))
@@ -73,7 +72,6 @@ def nonlinear_transient(
     ----------
     model, gains : as in ``linear_transient``
     phase_rad, code_m : true offsets at the start, one for each trial (broadcast)
-    count : number of epochs
     rng : of the correlators' noise; None for their means alone
     """
     phase, code = np.broadcast_arrays(np.asarray(phase_rad, float), np.asarray(code_m, float))

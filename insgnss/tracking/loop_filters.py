@@ -128,7 +128,6 @@ def continuous_gains(order: int, bandwidth_hz: float, damping: float | None = No
 
     Parameters
     ----------
-    order, bandwidth_hz : of the loop
     damping : of order 2 only, K1 = 2 zeta w, K2 = w^2; the optimum 0.707 if left out
 
     Raises

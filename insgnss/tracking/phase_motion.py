@@ -21,7 +21,6 @@ def wander_covariance(order: int, density: float, step_s: float) -> Float64:
     ----------
     order : number of states: 2 for a random walk of the frequency, 3 for one of its derivative
     density : one-sided, of the derivative of the last state
-    step_s : the step
     """
     powers = order - 1 - np.arange(order)
     factorial = np.array([math.factorial(p) for p in powers], float)

@@ -104,9 +104,7 @@ def track_samples(
 
     Parameters
     ----------
-    buffer : the samples
     until : number of a sample
-    loops, aiding : of the channels
     state : (m, 11) of the channels, led on; a channel whose START is negative is closed
     out : (rows, m, 9) records; a channel stops where they are full
     written : (m,) number of rows, led on
@@ -182,7 +180,6 @@ class SampleChannels:
 
     Parameters
     ----------
-    sampling : of the recording
     codes : of the channels, all of one length and rate
     design : of their loops; an integration is a whole number of code periods
     pull_in : of the loops while a channel pulls in, with the same integrations and discriminators; None: as later. A

@@ -150,9 +150,6 @@ def receive(
 
     Parameters
     ----------
-    signals : what arrives
-    sampling : how it is sampled
-    count : number of samples
     rng : of the noise; None for none
     integration_s : of the correlators to come, within which a folded carrier must average out
 

@@ -96,7 +96,6 @@ def loop_error_rad(spin: Spin, loop: LoopFilter, amplitude_rad: float | None = N
 
     Parameters
     ----------
-    spin, loop : which
     amplitude_rad : the remaining swing, all of it unless compensated
     """
     size = spin.amplitude_rad if amplitude_rad is None else amplitude_rad
@@ -157,7 +156,6 @@ def spin_source(
     spin : radius, carrier and line of sight as known to the receiver; its rate and start are not used
     t_s, spin_rate_radps : samples of the axial gyro, (n,)
     start_rad : spin angle at the first sample, as known
-    latency_s : of the gyro
 
     Raises
     ------

@@ -11,8 +11,8 @@ from insgnss.inertial.error_dynamics import COUPLING_DTYPE
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
 from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.manoeuvring_covariance import Drive, carry_along
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import Setting, run_once
 from insgnss.studies.receiver.slips import NEVER, error_loop, run_errors
 from insgnss.studies.receiver.variants import STARTS, VARIANTS
@@ -69,14 +69,14 @@ def closed_loops() -> list[np.ndarray]:
                 inertial=inertial_truth(trajectory, truth, 0.01) if with_ins else None,
                 grade=imu_grade("tactical") if with_ins else None,
                 channels=channels_of(tracking, 0.01, 1.6e9, 1e6),
-                carrier_hz=1.6e9,
                 drift_density=1.0,
                 interval=5,
                 record_every=10,
                 settle=5,
                 start=STARTS[tracking],
-                unknown=UnknownMotion(5.0, 3.0),
-                imu_gaps_s=((0.42, 0.46),),
+                options=ReceiverOptions(
+                    carrier_hz=1.6e9, unknown_mps2=5.0, unknown_s=3.0, imu_gaps_s=((0.42, 0.46),)
+                ),
             )
             for name in (
                 ("scalar", "two_stage", "optimal", "one_stage")

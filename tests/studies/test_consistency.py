@@ -25,7 +25,7 @@ from insgnss.runs.agreement import HeadingAgreement
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.simulation.observations import NoiseTerms
-from insgnss.studies.consistency.error_statistics import independent_in_time, known_from
+from insgnss.studies.consistency.error_statistics import independent_in_time
 from insgnss.studies.consistency.innovation_statistics import (
     common_factor,
     fitted,
@@ -35,6 +35,7 @@ from insgnss.studies.consistency.innovation_statistics import (
 )
 from insgnss.studies.consistency.study import Consistency, consistency_study
 from insgnss.studies.consistency.words import verdict
+from insgnss.studies.outage.drift import stays_from
 from tests.runs.scenes import START_S, flight, turns
 
 BUILT_IN = 1.4
@@ -237,9 +238,9 @@ def test_series_of_lasting_errors_is_worth_what_theory_says() -> None:
 def test_state_is_known_from_where_its_sigma_stays_below_the_limit() -> None:
     t, sigma = np.arange(6.0), np.array([9.0, 4.0, 9.0, 4.0, 3.0, 2.0])
 
-    assert known_from(t, sigma, 5.0) == 3.0
-    assert np.isnan(known_from(t, sigma, 2.0))
-    assert known_from(t, sigma, 10.0) == 0.0
+    assert stays_from(t, sigma < 5.0) == 3.0
+    assert np.isnan(stays_from(t, sigma < 2.0))
+    assert stays_from(t, sigma < 10.0) == 0.0
 
 
 def test_heading_and_biases_are_told_from_when_on_they_are_known() -> None:

@@ -118,7 +118,6 @@ def summary(folder: str | Path, by: Sequence[str] = ("case",), columns: Sequence
 
     Parameters
     ----------
-    folder : of the campaign
     by : columns that make a group
     columns : to sum up; all numbers that are neither grouped by nor part of the case when empty
 

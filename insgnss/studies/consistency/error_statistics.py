@@ -16,7 +16,7 @@ from scipy import stats
 
 from insgnss.results.nav_columns import ATTITUDE, POSITION, VELOCITY
 from insgnss.runs.agreement import HeadingAgreement
-from insgnss.studies.saved_study import MOMENT_DECIMALS
+from insgnss.studies.outage.drift import stays_from
 from insgnss.tables import Float64
 
 BLOCKS: Final = {"position": POSITION, "velocity": VELOCITY, "attitude": ATTITUDE}
@@ -72,7 +72,7 @@ def _component(table: pd.DataFrame, name: str, z: Float64, confidence: float) ->
         return None
     z, error = z[known], table[f"d_{name}"].to_numpy()[known]
     count = independent_in_time(z)
-    low, high = _bounds(1, count, confidence)
+    low, high = bounds_of_mean(count, confidence)
     return ErrorComponent(
         name,
         1,
@@ -94,15 +94,20 @@ def _block(name: str, scaled: Sequence[Float64], confidence: float) -> ErrorComp
     z = z[:, np.isfinite(z).all(axis=0)]
     count = min(independent_in_time(row) for row in z)
     # axes that are wholly correlated: the sum of their squares spreads as one axis' square does, times their number
-    low, high = _bounds(1, count, confidence)
+    low, high = bounds_of_mean(count, confidence)
     none = float("nan")
     nees = float(np.mean(z**2))
     return ErrorComponent(name, len(z), z.shape[1], count, none, none, none, nees, low, high, none, none)
 
 
-def _bounds(dof: int, count: float, confidence: float) -> tuple[float, float]:
-    tail, total = 0.5 * (1.0 - confidence), dof * max(count, 1.0)
-    return float(stats.chi2.ppf(tail, total) / total), float(stats.chi2.isf(tail, total) / total)
+def bounds_of_mean(count: float, confidence: float) -> tuple[float, float]:
+    """Return the bounds of the mean of ``count`` independent chi-square values of one degree of freedom each.
+
+    Equation: count * mean ~ chi2(count)                                                [Bar-Shalom 2001, 5.4.2]
+    """
+    tail = 0.5 * (1.0 - confidence)
+    dof = max(count, 1.0)
+    return float(stats.chi2.ppf(tail, dof) / dof), float(stats.chi2.isf(tail, dof) / dof)
 
 
 def independent_in_time(z: Float64) -> float:
@@ -138,7 +143,7 @@ def observability_table(nav: pd.DataFrame, heading: HeadingAgreement) -> pd.Data
         sigma = nav[column].to_numpy()
         first = float(sigma[0])
         limit = BIAS_KNOWN_AT * first
-        known_s = known_from(time_s, sigma, limit)
+        known_s = stays_from(time_s, sigma < limit)
         if column == "sd_yaw_deg":
             limit, known_s = heading.limit_deg, np.nan if heading.known_s is None else heading.known_s
         rows.append(
@@ -153,10 +158,3 @@ def observability_table(nav: pd.DataFrame, heading: HeadingAgreement) -> pd.Data
             }
         )
     return pd.DataFrame(rows)
-
-
-def known_from(time_s: Float64, sigma: Float64, limit: float) -> float:
-    """Return the first time from which sigma stays below a limit, NaN where it does not in the end."""
-    above = np.flatnonzero(~(sigma < limit))
-    first = int(above[-1]) + 1 if len(above) else 0
-    return round(float(time_s[first]), MOMENT_DECIMALS) if first < len(time_s) else float("nan")

@@ -27,7 +27,7 @@ from scipy import optimize, stats
 
 from insgnss.geodesy.directions import directions
 from insgnss.runs.result import Run
-from insgnss.studies.consistency.error_statistics import LEAST_ROWS
+from insgnss.studies.consistency.error_statistics import LEAST_ROWS, bounds_of_mean
 from insgnss.tables import Float64, Int64
 
 _PLACE: Final = 3
@@ -190,7 +190,7 @@ def nis_of(rows: pd.DataFrame, gate: float, confidence: float, of_kind: float | 
     z, share = used["z"].to_numpy(), used["share"].to_numpy()
     count = independent_count(used["time_s"].to_numpy(), share)
     expected = float(truncated_mean(gate))
-    low, high = _bounds(count, confidence)
+    low, high = bounds_of_mean(count, confidence)
     normal = stats.norm.isf(0.5 * (1.0 - confidence))
     # a sum of innovations is worth less than one of their squares: correlations count once, not squared
     of_mean = _count_for_mean(used["time_s"].to_numpy(), share)
@@ -208,16 +208,6 @@ def nis_of(rows: pd.DataFrame, gate: float, confidence: float, of_kind: float | 
         robust_scale=float(_MAD_TO_SIGMA * np.median(np.abs(rows["z"]))),
         factor=common_factor(used, gate) if of_kind is None else satellite_factor(used, of_kind),
     )
-
-
-def _bounds(count: float, confidence: float) -> tuple[float, float]:
-    """Return the bounds of the mean of ``count`` independent chi-square values of one degree of freedom each.
-
-    Equation: count * mean ~ chi2(count)                                                [Bar-Shalom 2001, 5.4.2]
-    """
-    tail = 0.5 * (1.0 - confidence)
-    dof = max(count, 1.0)
-    return float(stats.chi2.ppf(tail, dof) / dof), float(stats.chi2.isf(tail, dof) / dof)
 
 
 def _count_for_mean(time_s: Float64, share: Float64) -> float:
@@ -295,7 +285,6 @@ def whiteness_of(rows: pd.DataFrame, period_s: float, lags: int, confidence: flo
     ----------
     rows : of one kind, used
     period_s : between epochs
-    lags : how many
     """
     n_rows = len(rows)
     if n_rows <= LEAST_ROWS + lags:

@@ -24,8 +24,6 @@ def error_figure(
 
     Parameters
     ----------
-    errors : of ``MaskingStudy``
-    outage_s : shaded
     words : of each case, by its letter
     """
     figure = new_figure(9.0, 5.0)

@@ -116,10 +116,10 @@ def back_after(after: pd.DataFrame, until_s: float) -> tuple[float, float]:
     # the difference's variance is P - P_undisturbed
     whole = np.hypot(after["sd_position_m"].to_numpy(), own)
     time_s, drift = after["time_s"].to_numpy() - until_s, after["position_m"].to_numpy()
-    return _stays(time_s, whole <= _BACK * own), _stays(time_s, drift <= own)
+    return stays_from(time_s, whole <= _BACK * own), stays_from(time_s, drift <= own)
 
 
-def _stays(time_s: Float64, holds: Bool) -> float:
+def stays_from(time_s: Float64, holds: Bool) -> float:
     """Return the first time from which a condition holds to the last, NaN where it does not hold there."""
     fails = np.flatnonzero(~holds)
     first = int(fails[-1]) + 1 if len(fails) else 0

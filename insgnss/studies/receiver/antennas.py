@@ -128,7 +128,6 @@ class AttitudeMask:
 
         Parameters
         ----------
-        f : the filter
         u_e : (m, 3) directions to the satellites, ECEF
         """
         m = f.state[0]

@@ -90,14 +90,14 @@ class LinearTheory:
     def of(cls, scene: StudyScene, variant: Variant) -> LinearTheory:
         """Return the theory of a receiver that tracks the phase with loops made for its C/N0, motion and oscillator."""
         setting, kind = scene.setting, PHASE_KINDS[scene.setting.channels.kinds[0]]
-        optimal = variant.widening == 1.0 and setting.told_cn0_dbhz is None
+        optimal = variant.widening == 1.0 and setting.options.told_cn0_dbhz is None
         known = optimal and setting.channels.coherent and kind in _NAMES and setting.drift_density > 0.0
         name = _NAMES[kind] if known else "IQ"
         loop = PhaseLoop(discriminator(name, ENGINEERING_RATIO), scene.bandwidth_hz, setting.truth.step_s)
         sky = directions(scene.azimuth_deg, scene.elevation_deg)
         settled_s = float(setting.truth.t_s[setting.settle]) - scene.trajectory.first_s
         model, along = _models(scene, variant, sky) if known else (None, None)
-        return cls(loop, variant.kind, model, along, sky, setting.carrier_hz, settled_s)
+        return cls(loop, variant.kind, model, along, sky, setting.options.carrier_hz, settled_s)
 
     def threshold_dbhz(self) -> float:
         """Return the C/N0 at which the largest phase rms reaches A_d C_A; NaN where there is none."""
@@ -143,7 +143,7 @@ def _models(
     """Return the steady model of a receiver, or its covariance along the motion; neither where the sky is too poor."""
     setting = scene.setting
     unknown = UnknownAcceleration(setting.unknown.sigma_mps2, setting.unknown.time_s)
-    density, carrier = setting.drift_density, setting.carrier_hz
+    density, carrier = setting.drift_density, setting.options.carrier_hz
     try:
         if variant.kind == INTERVAL_MESSAGE and setting.inertial is None:
             return None, None

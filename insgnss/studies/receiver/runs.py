@@ -20,6 +20,7 @@ from insgnss.studies.receiver.estimated_cn0 import EstimatedCn0
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver.interval_noise import disturbed_states
 from insgnss.studies.receiver.loop import run_receiver
+from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.search import Searches, SearchRow
 from insgnss.studies.receiver.variants import (
     InitialSigmas,
@@ -66,23 +67,24 @@ class Setting:
     inertial: InertialTruth | None  # None: no INS
     grade: ImuGrade | None
     channels: ChannelConstants
-    carrier_hz: float
     drift_density: float  # of the oscillator, one-sided [rad^2/s^3]
     interval: int  # integrations between two updates of a second stage
     record_every: int  # integrations
     settle: int  # integrations that do not count
     start: InitialSigmas
-    unknown: UnknownMotion  # of a receiver without INS
-    latency_s: float = 0.0
-    # without inertial samples, from the first integration on
-    imu_gaps_s: tuple[tuple[float, float], ...] = ()
-    estimates_cn0: bool = False
-    least_cn0_dbhz: float = -math.inf  # below it a channel is not used
-    # C/N0 that a receiver takes for true, whatever arrives; None: the true one
-    told_cn0_dbhz: float | None = None
+    options: ReceiverOptions  # with its duration
     masking: ReceiverMasking | None = None  # by the filter's attitude
-    divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
-    steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
+
+    @property
+    def unknown(self) -> UnknownMotion:
+        """Return the motion of a receiver without INS."""
+        return UnknownMotion(self.options.unknown_mps2, self.options.unknown_s)
+
+    @property
+    def least_cn0_dbhz(self) -> float:
+        """Return the C/N0 below which a channel is not used."""
+        least_dbhz = self.options.least_cn0_dbhz
+        return -math.inf if least_dbhz is None else least_dbhz
 
     @property
     def limits(self) -> tuple[float, float, int]:
@@ -96,7 +98,7 @@ class Setting:
 
     def may_lose_signals(self, cn0_dbhz: Float64) -> bool:
         """Return whether a channel may be without a signal for a time, and come back."""
-        chosen = self.masking is not None or self.estimates_cn0
+        chosen = self.masking is not None or self.options.estimates_cn0
         return chosen or not bool((cn0_dbhz >= max(self.least_cn0_dbhz, -1e9)).all())
 
     @cached_property
@@ -154,22 +156,22 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     ----------
     cn0_dbhz : broadcasts to (n, m); NaN: no signal
     """
-    truth, ins = setting.truth, setting.inertial is not None
+    truth, options, ins = setting.truth, setting.options, setting.inertial is not None
     channels = setting.channels._replace(with_code=variant.with_code)
     count, m = truth.ranges.shape
-    oscillator = oscillator_of(setting.drift_density, setting.carrier_hz)
+    oscillator = oscillator_of(setting.drift_density, options.carrier_hz)
     clock = simulate_clock(oscillator, truth.t_s - truth.t_s[0], rng)
     ranges, rates = truth.ranges + clock.bias_m[:, None], truth.rates + clock.drift_mps[:, None]
     if setting.inertial is not None and setting.grade is not None:
         grade = setting.grade
-        aiding = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        aiding = told_motion(setting.inertial, truth, grade, rng, options.latency_s)
         since_s = truth.t_s - truth.t_s[0]
-        motion, unknown = with_gaps(aiding, since_s, grade, setting.imu_gaps_s, setting.unknown)
+        motion, unknown = with_gaps(aiding, since_s, grade, options.imu_gaps_s, setting.unknown)
     else:
         grade = without_ins(setting.unknown)
         motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
     directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
-    begin, density = TrueStart.of(truth, clock), setting.divergence_density
+    begin, density = TrueStart.of(truth, clock), options.divergence_density
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     phases = m if variant.has_filter and channels.coherent and setting.may_lose_signals(cn0) else 0
     disturbed = disturbed_states(ins) if variant.kind == INTERVAL_MESSAGE else ()
@@ -183,14 +185,13 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         setting.limits,
         setting.record_every,
         setting.settle,
-        setting.steps,
+        (options.replica_step_m, options.replica_step_mps),
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
     history = new_found(receiver, count, m, _block(truth))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
-    masking = setting.masking
-    searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
+    searches = Searches(channels, options.carrier_hz, m, setting.masking) if variant.has_filter else None
     rooms = _ReceiverWorkspace(receiver, channels, f, room, history)
     whole = AidingInputs(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
     estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
@@ -237,20 +238,19 @@ def _run_blocks(
 
     ``whole`` is the aiding in all of them, except for the levels of the channels.
     """
-    (count, m), truth, (receiver, channels, f, room, history) = cn0.shape, setting.truth, rooms
+    (count, m), truth, options = cn0.shape, setting.truth, setting.options
+    receiver, channels, f, room, history = rooms
     # the C/N0 that the receiver takes for true
     block, estimates, believed = _block(truth), [], cn0[0]
     own = EstimatedCn0(channels, cn0[0], setting.least_cn0_dbhz)
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
-        here = SignalArrivals(
-            arriving.ranges[part], arriving.rates[part], arriving.level[part], arriving.apart[part]
-        )
+        here = SignalArrivals._make(values[part] for values in arriving)
         told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
-        if setting.told_cn0_dbhz is not None:
-            told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
-            believed = np.full(m, setting.told_cn0_dbhz)
-        elif setting.estimates_cn0:
+        if options.told_cn0_dbhz is not None:
+            told_level = np.full_like(told_level, levels_of(options.told_cn0_dbhz))
+            believed = np.full(m, options.told_cn0_dbhz)
+        elif options.estimates_cn0:
             told_level, believed = np.tile(own.level, (len(here.level), 1)), own.believed
         else:
             believed = cn0[first]
@@ -258,17 +258,10 @@ def _run_blocks(
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, believed, truth.step_s * first, f, room, off)
-        inputs = AidingInputs(
-            whole.satellites[part],
-            whole.rate_b[part],
-            whole.force_b[part],
-            whole.ahead_b[part],
-            told_level,
-            whole.unknown[part],
-        )
+        inputs = AidingInputs._make(values[part] for values in whole)._replace(level=told_level)
         noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
         run_receiver(receiver, channels, here, inputs, f, room, noise, history)
-        if setting.estimates_cn0 and len(here.level) == block:
+        if options.estimates_cn0 and len(here.level) == block:
             estimates.append(own.take(history.power, told_level))
     return np.array(estimates).reshape(-1, m)
 

@@ -34,7 +34,6 @@ from insgnss.studies.receiver.admission import (
     require_slow_oscillator,
     with_duration,
 )
-from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.options import AVERAGED_S, ReceiverOptions
 from insgnss.studies.receiver.runs import Setting
 from insgnss.studies.receiver.variants import STARTS
@@ -66,10 +65,8 @@ class StudyScene:
     setting: Setting
     azimuth_deg: Float64
     elevation_deg: Float64
-    bandwidth_hz: float  # of the spectrum that a jammer of J/S lies in
     begins_s: float  # seconds of the scenario at the study's begin
     fall: int  # integration at which C/N0 falls
-    options: ReceiverOptions  # with its duration
 
     @property
     def name(self) -> str:
@@ -80,6 +77,16 @@ class StudyScene:
     def trajectory(self) -> Trajectory:
         """Return the vehicle's motion."""
         return self.course.trajectory
+
+    @property
+    def options(self) -> ReceiverOptions:
+        """Return the study's options, with its duration."""
+        return self.setting.options
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Return the bandwidth of the spectrum that a jammer of J/S lies in."""
+        return self.options.chip_hz
 
     @property
     def start_s(self) -> float:
@@ -136,24 +143,16 @@ def scene_of(
         channels=channels_of(
             tracking, step, o.carrier_hz, o.chip_hz, phase_kind=o.phase_kind, spacing_chips=o.spacing_chips
         ),
-        carrier_hz=o.carrier_hz,
         drift_density=_drift_density(oscillator, o.carrier_hz),
         interval=interval,
         record_every=max(round(_RECORD_S / step), 1),
         settle=average,
         start=STARTS[tracking],
-        unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
-        latency_s=o.latency_s,
-        imu_gaps_s=o.imu_gaps_s,
-        estimates_cn0=o.estimates_cn0,
-        least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
-        told_cn0_dbhz=o.told_cn0_dbhz,
-        divergence_density=o.divergence_density,
-        steps=(o.replica_step_m, o.replica_step_mps),
+        options=o,
     )
     require_slow_oscillator(setting.drift_density, setting.channels)
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
-    return StudyScene(course, setting, azimuth, elevation, o.chip_hz, begins_s, fall, o)
+    return StudyScene(course, setting, azimuth, elevation, begins_s, fall)
 
 
 def _begin_s(config: SimulationConfig, whole_s: float, o: ReceiverOptions) -> float:

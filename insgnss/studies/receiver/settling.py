@@ -70,12 +70,12 @@ def settling_s(setting: Setting, variant: Variant, fall: Fall) -> dict[str, floa
     channels = dict(zip(_OF_CHANNELS, _channels_settle_s(setting, variant, fall), strict=True))
     if not variant.has_filter:
         return channels
-    quiet = replace(setting, estimates_cn0=False)
+    quiet = replace(setting, options=replace(setting.options, estimates_cn0=False))
     narrow, wide = (replace(quiet, start=_scaled(setting.start, factor)) for factor in (_NARROWER, _WIDER))
     below = run_once(narrow, variant, fall.fallen, NoErrors()).sd
     above = run_once(wide, variant, fall.steady, NoErrors()).sd
     # a filter that takes a C/N0 for true whatever arrives has no fall of its own; its initial value fades as fast
-    first = 0 if setting.told_cn0_dbhz is not None else math.ceil(fall.at / setting.record_every)
+    first = 0 if setting.options.told_cn0_dbhz is not None else math.ceil(fall.at / setting.record_every)
     step_s = setting.record_every * setting.truth.step_s
     waits_s = {name: step_s * _agreed(below[first:, at], above[first:, at]) for name, at in _ERRORS.items()}
     return {name: max(wait, channels.get(name, 0.0)) for name, wait in waits_s.items()}
@@ -102,11 +102,11 @@ def _channels_settle_s(setting: Setting, variant: Variant, fall: Fall) -> tuple[
     """
     if variant.kind not in (SCALAR, TWO_STAGE):
         return 0.0, 0.0
-    drift = clock_densities(oscillator_of(setting.drift_density, setting.carrier_hz))[1]
+    drift = clock_densities(oscillator_of(setting.drift_density, setting.options.carrier_hz))[1]
     unknown = setting.unknown if variant.kind == SCALAR or setting.inertial is None else None
     T, count = setting.truth.step_s, len(setting.truth.t_s) - fall.at
     design = receiver_of(variant, T, setting.interval, drift, unknown, setting.limits, 1, 0)
-    model, assumed_dbhz = DiscreteModel(design.F, design.walk), setting.told_cn0_dbhz
+    model, assumed_dbhz = DiscreteModel(design.F, design.walk), setting.options.told_cn0_dbhz
     try:
         H = _rows(setting, len(design.F), fall.cn0_dbhz if assumed_dbhz is None else assumed_dbhz)
         steady = predicted_covariance(model, H, 1.0)

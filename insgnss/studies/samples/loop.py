@@ -76,7 +76,6 @@ class SampleLoop:
 
     Parameters
     ----------
-    equipment : of the receiver
     aided : whether the filter's aiding goes into the loops, and its supervisor seeds the searches
     """
 
