@@ -10,6 +10,7 @@ filter's model are half of them: q = S / 2, r = S_n / 2.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy.typing as npt
 
 from insgnss.errors import ConfigError
 from insgnss.interference.checks import not_negative, positive
-from insgnss.tables import Float64
+from insgnss.tables import Bool, Float64
 
 _S_ADVICE: Final = "a one-sided density in rad^2/s^3: 0.1 of an oven oscillator, 3000 of a poor crystal"
 _NOISE_ADVICE: Final = "a one-sided density in rad^2/Hz, about the inverse of C/N0 in Hz"
@@ -161,10 +162,20 @@ def threshold_noise(
     # either kind of drift alone gives an upper bound; half of the error each, a lower one
     high = np.minimum(without, 4.0 * rms**4 / np.maximum(S_f, 1e-300))
     low = high / 16.0
-    for _ in range(_BISECTIONS):
+    return bisected(lambda noise: error_variance(S, noise, S_f) < rms * rms, low, high, _BISECTIONS)
+
+
+def bisected(is_below: Callable[[Float64], Bool], low: Float64, high: Float64, halvings: int) -> Float64:
+    """Return the root in each bracket of positive numbers, halved by its logarithm.
+
+    Parameters
+    ----------
+    is_below : whether a number is below its root
+    """
+    for _ in range(halvings):
         middle = np.sqrt(low * high)
-        short = error_variance(S, middle, S_f) < rms * rms
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
+        below = is_below(middle)
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
     return np.asarray(np.sqrt(low * high))
 
 

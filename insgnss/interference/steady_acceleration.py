@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
-from insgnss.interference.optimal_loop import SecondOrderGains, gains, threshold_noise
+from insgnss.interference.optimal_loop import SecondOrderGains, bisected, gains, threshold_noise
 from insgnss.interference.third_order import third_order_threshold_noise
 from insgnss.tables import Float64, Int64
 
@@ -105,8 +105,4 @@ def density_at_threshold(
 
     high = sum_at(S_0)
     low = np.broadcast_to(S_0, high.shape)
-    for _ in range(_BISECTIONS):
-        middle = np.sqrt(low * high)
-        below = sum_at(middle) > middle
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray(np.sqrt(low * high))
+    return bisected(lambda S: sum_at(S) > S, low, high, _BISECTIONS)

@@ -29,6 +29,7 @@ import numpy.typing as npt
 
 from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
+from insgnss.interference.optimal_loop import bisected
 from insgnss.tables import Float64
 
 _WIDENING: Final = 4.0  # by which the upper bound of a root is widened until it is one
@@ -138,8 +139,4 @@ def _root(excess: Callable[[Float64], Float64], low: Float64) -> Float64:
     high = _WIDENING * low
     while (short := excess(high) < 0.0).any():
         low, high = np.where(short, high, low), np.where(short, _WIDENING * high, high)
-    for _ in range(_BISECTIONS):
-        middle = np.sqrt(low * high)
-        short = excess(middle) < 0.0
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.asarray(np.sqrt(low * high))
+    return bisected(lambda middle: excess(middle) < 0.0, low, high, _BISECTIONS)

@@ -23,28 +23,22 @@ VELOCITY_DECIMALS = 9  # m/s: the same
 
 def write_imu(path: Path, imu: ImuTable, week: int) -> None:
     """Write mean rates [rad/s] and specific forces [m/s^2], one row per sample; gzipped when the name ends in .gz."""
-    header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
-    formats = [f"%.{_time_decimals(imu.t_ns)}f"] + [f"%.{GYRO_DECIMALS}f"] * 3 + [f"%.{ACCEL_DECIMALS}f"] * 3
-    columns = [
-        ns_to_week_seconds(imu.t_ns, week),
-        *np.round(imu.w_ib_b, GYRO_DECIMALS).T,
-        *np.round(imu.f_b, ACCEL_DECIMALS).T,
-    ]
-    _write(path, header, formats, np.column_stack(columns))
+    _write_samples(path, imu.t_ns, week, (imu.w_ib_b, imu.f_b), (GYRO_DECIMALS, ACCEL_DECIMALS))
 
 
 def write_increments(path: Path, imu: ImuTable, week: int, step_s: float) -> None:
     """Write angle [rad] and velocity [m/s] increments over the nominal step, one row per sample."""
+    increments = step_s * imu.w_ib_b, step_s * imu.f_b
+    _write_samples(path, imu.t_ns, week, increments, (ANGLE_DECIMALS, VELOCITY_DECIMALS))
+
+
+def _write_samples(
+    path: Path, t_ns: Int64, week: int, triads: tuple[Float64, Float64], decimals: tuple[int, int]
+) -> None:
     header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
-    formats = (
-        [f"%.{_time_decimals(imu.t_ns)}f"] + [f"%.{ANGLE_DECIMALS}f"] * 3 + [f"%.{VELOCITY_DECIMALS}f"] * 3
-    )
-    columns = [
-        ns_to_week_seconds(imu.t_ns, week),
-        *np.round(step_s * imu.w_ib_b, ANGLE_DECIMALS).T,
-        *np.round(step_s * imu.f_b, VELOCITY_DECIMALS).T,
-    ]
-    _write(path, header, formats, np.column_stack(columns))
+    formats = [f"%.{_time_decimals(t_ns)}f", *(f"%.{d}f" for d in decimals for _ in range(3))]
+    rounded = [np.round(triad, d) for triad, d in zip(triads, decimals, strict=True)]
+    _write(path, header, formats, np.column_stack([ns_to_week_seconds(t_ns, week), *rounded]))
 
 
 def _time_decimals(t_ns: Int64) -> int:

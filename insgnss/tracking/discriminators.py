@@ -135,14 +135,15 @@ def wrapped_mean(harmonics: Float64, angle: npt.ArrayLike) -> Float64:
     return np.asarray(np.sin(np.asarray(angle, float)[..., None] * n) @ terms)
 
 
-def wrapped_square(harmonics: Float64, angle: npt.ArrayLike) -> Float64:
-    """Return the mean square of the same angle.
+def wrapped_variance(harmonics: Float64, angle: npt.ArrayLike) -> Float64:
+    """Return the variance of the same angle.
 
-    Equation: E w^2 = pi^2 / 3 + sum_n (4 / n^2) (-1)^n c_n cos(n angle)
+    Equation: E w^2 = pi^2 / 3 + sum_n (4 / n^2) (-1)^n c_n cos(n angle), less (E w)^2
     """
     n = np.arange(1.0, len(harmonics) + 1.0)
     terms = 4.0 * (-1.0) ** n / n**2 * harmonics
-    return np.asarray(math.pi**2 / 3.0 + np.cos(np.asarray(angle, float)[..., None] * n) @ terms)
+    square = math.pi**2 / 3.0 + np.cos(np.asarray(angle, float)[..., None] * n) @ terms
+    return np.asarray(square - wrapped_mean(harmonics, angle) ** 2)
 
 
 def angle_fold(kind: str) -> int:

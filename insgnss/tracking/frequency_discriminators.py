@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from insgnss.tracking.discriminators import (
     noisy_looks,
     phase_harmonics,
     wrapped_mean,
-    wrapped_square,
+    wrapped_variance,
 )
 
 
@@ -59,12 +60,7 @@ class FrequencyDiscriminator:
         power = frequency_loss(w, self.integration_s) ** 2
         if self.kind == "cross":
             return np.asarray(a**2 * power * np.sin(w * self.integration_s))
-        fold = angle_fold(self.kind)
-        found = [
-            wrapped_mean(phase_harmonics(0.5 * a * p, fold) ** 2, fold * x * self.integration_s)
-            for x, p in zip(w.ravel(), np.ravel(power), strict=True)
-        ]
-        return np.asarray(found, float).reshape(w.shape) / (fold * self.integration_s)
+        return self._of_angle(wrapped_mean, w, a * power) / (angle_fold(self.kind) * self.integration_s)
 
     def variance(self, offset: npt.ArrayLike, a: float) -> Float64:
         """Return the variance of the output at frequency offsets [rad/s].
@@ -75,12 +71,20 @@ class FrequencyDiscriminator:
         power = frequency_loss(w, self.integration_s) ** 2
         if self.kind == "cross":
             return np.asarray(2.0 * a**3 * power + 2.0 * a**2)
-        found, fold = [], angle_fold(self.kind)
-        for x, p in zip(w.ravel(), np.ravel(power), strict=True):
-            harmonics = phase_harmonics(0.5 * a * p, fold) ** 2
-            angle = fold * x * self.integration_s
-            found.append(wrapped_square(harmonics, angle) - wrapped_mean(harmonics, angle) ** 2)
-        return np.asarray(found, float).reshape(w.shape) / (fold * self.integration_s) ** 2
+        return (
+            self._of_angle(wrapped_variance, w, a * power) / (angle_fold(self.kind) * self.integration_s) ** 2
+        )
+
+    def _of_angle(
+        self, moment: Callable[[Float64, npt.ArrayLike], Float64], w: Float64, ratio: Float64
+    ) -> Float64:
+        """Return a moment of the wrapped angle, folded, at each offset with its own signal ratio."""
+        fold = angle_fold(self.kind)
+        found = [
+            moment(phase_harmonics(0.5 * r, fold) ** 2, fold * x * self.integration_s)
+            for x, r in zip(w.ravel(), np.ravel(ratio), strict=True)
+        ]
+        return np.asarray(found, float).reshape(w.shape)
 
     def slope(self, a: float) -> float:
         """Return the slope at no offset: of ``cross`` a^2 T [s], of the angles below 1 [-].

@@ -21,7 +21,7 @@ from insgnss.tracking.discriminators import (
     noisy_looks,
     phase_harmonics,
     wrapped_mean,
-    wrapped_square,
+    wrapped_variance,
 )
 
 
@@ -78,9 +78,7 @@ class PhaseDiscriminator:
             return np.asarray(np.full(e.shape, a))
         if self.kind == "sign":
             return np.asarray(a + (m * np.sin(e)) ** 2 * (1.0 - self._sign_mean(e, a) ** 2))
-        harmonics, angle = self._harmonics(a), angle_fold(self.kind) * e
-        spread = wrapped_square(harmonics, angle) - wrapped_mean(harmonics, angle) ** 2
-        return np.asarray(spread / angle_fold(self.kind) ** 2)
+        return wrapped_variance(self._harmonics(a), angle_fold(self.kind) * e) / angle_fold(self.kind) ** 2
 
     def slope(self, a: float) -> float:
         """Return the slope at no offset [1/rad].

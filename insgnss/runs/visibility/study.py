@@ -95,29 +95,22 @@ def visibility(
     above = sky.elevation >= np.radians(elevation_mask_deg)  # false for NaN
     seen = above & ((decision & IS_VISIBLE) == 1) if settings.on else above
     reason[~above] = MASKED_ELEVATION
-    names = _SkyTimes(attitude.t_ns, week, sky)
-    table = _satellite_table(names, attitude, u_n, decision, reason, antenna, gain, settings)
+    table = _satellite_table(week, sky, attitude, u_n, decision, reason, antenna, gain, settings)
     all_events = [*events, *_waiting(attitude, settings), *_blind_spells(attitude.t_ns, above, seen)]
     if settings.on:
         all_events += _uncertain(attitude, above, above & ((decision & IS_UNCERTAIN) != 0), settings)
     return VisibilityStudy(
         table,
-        dop_table(names.t_ns, week, u_n, sky.sv_names, above, seen),
+        dop_table(attitude.t_ns, week, u_n, sky.sv_names, above, seen),
         event_table(all_events, week),
         antennas,
         settings,
     )
 
 
-@dataclass(frozen=True)
-class _SkyTimes:
-    t_ns: Int64
-    week: int
-    sky: SatelliteDirections
-
-
 def _satellite_table(
-    names: _SkyTimes,
+    week: int,
+    sky: SatelliteDirections,
     attitude: AttitudeHistory,
     u_n: Float64,
     decision: Int8,
@@ -128,13 +121,13 @@ def _satellite_table(
 ) -> pd.DataFrame:
     """Return one row for each satellite and time at which its place is known."""
     u_b = np.einsum("nji,nsj->nsi", attitude.C_nb, u_n)
-    known = np.isfinite(names.sky.elevation)
+    known = np.isfinite(sky.elevation)
     at, sv = np.nonzero(known)
     columns: dict[str, Any] = {
-        "time_s": ns_to_week_seconds(names.t_ns[at], names.week),
-        "sv": words(sv, names.sky.sv_names),
-        "az_deg": np.degrees(names.sky.azimuth[known]) % 360.0,
-        "el_deg": np.degrees(names.sky.elevation[known]),
+        "time_s": ns_to_week_seconds(attitude.t_ns[at], week),
+        "sv": words(sv, sky.sv_names),
+        "az_deg": np.degrees(sky.azimuth[known]) % 360.0,
+        "el_deg": np.degrees(sky.elevation[known]),
         **angle_columns(u_b[known], "body_"),
         "gain_dbic": gain[known, 0],
         "sd_gain_db": gain[known, 1],
@@ -144,7 +137,7 @@ def _satellite_table(
         "antenna": antenna[known].astype(np.int64),
     }
     table = pd.DataFrame(columns)
-    annotate(table, names.week)
+    annotate(table, week)
     return table
 
 
