@@ -33,7 +33,7 @@ from insgnss.simulation.observations import (
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.tables import Float64, Int8, Int64
-from insgnss.tracking.admissible import require_number
+from insgnss.tracking.admissible import require_number, seeded
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ, GPS_PRNS, RangingCode, gps_ca
 from insgnss.tracking.sample_kernels import Steps, add_signal
 from insgnss.tracking.signal import Sampling, SignalSamples
@@ -233,7 +233,7 @@ def sample_blocks(
     size = round(BLOCK_S / BORDER_S)
     chips = np.stack([code.chips for code in sky.codes])
     for number, first in enumerate(range(0, count, size)):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+        rng = seeded(seed, number)
         yield _block(sky, sampling, first, min(first + size, count), chips, rng if noise else None)
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -226,28 +225,6 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory
     reference = reference_table(simulator.imu_motion, simulator.scenario.start_ns)
     logs = FlightLogs(log.imu, log.gnss, simulator.scenario.navigation, reference, [], {})
     return FlightInMemory(Path("flight.toml"), config, setup.grade, setup.oscillator, logs)
-
-
-@lru_cache(maxsize=8)
-def matched_flight(
-    imu: str,
-    clock: str,
-    duration_s: float,
-    imu_rate_hz: float,
-    noise_factor: float,
-    n_looks: int = 6,
-    scenario: str | None = None,
-) -> MatchedFlight:
-    """Return a flight; a worker computes the truth of each once."""
-    return MatchedFlight.of(
-        imu,
-        clock,
-        scenario=scenario,
-        duration_s=duration_s,
-        imu_rate_hz=imu_rate_hz,
-        noise_factor=noise_factor,
-        n_looks=n_looks,
-    )
 
 
 class MonteCarlo(NamedTuple):

@@ -24,7 +24,7 @@ from insgnss.errors import ConfigError
 from insgnss.studies.campaign.tasks import CaseFunction, Row
 from insgnss.studies.masking.banked_flight import BankedFlight
 from insgnss.studies.masking.cases import CaseResult, fly
-from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_flight
+from insgnss.studies.matched_flight import BLOCKS, MatchedFlight, flight_in_memory
 from insgnss.studies.outage.study import Periodic, outage_study
 from insgnss.studies.outage.windows import Removal
 from insgnss.studies.receiver.admission import unused_options
@@ -44,6 +44,13 @@ _RECEIVER: Final[Mapping[str, Any]] = {
     "cn0_dbhz": 40.0,
     "emitters": "",
 }
+_FLIGHT: Final[Mapping[str, Any]] = {
+    "imu": "tactical",
+    "oscillator": "tcxo",
+    "duration_s": 120.0,
+    "imu_rate_hz": 100.0,
+    "noise_factor": 1.0,
+}
 _RECEIVER_OPTIONS: Final[Mapping[str, Any]] = {
     name: value for name, value in ReceiverOptions().told().items() if not isinstance(value, tuple)
 }
@@ -51,16 +58,7 @@ _RECEIVER_OPTIONS: Final[Mapping[str, Any]] = {
 
 def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
     """Return one run of ``matched_flight``: a row for each epoch looked at."""
-    known = {"imu": "tactical", "oscillator": "tcxo", "duration_s": 120.0, "imu_rate_hz": 100.0}
-    asked = _asked(case, {**known, "noise_factor": 1.0, "scenario": ""})
-    flight = matched_flight(
-        str(asked["imu"]),
-        str(asked["oscillator"]),
-        float(asked["duration_s"]),
-        float(asked["imu_rate_hz"]),
-        float(asked["noise_factor"]),
-        scenario=str(asked["scenario"]) or None,
-    )
+    flight = _flight(_asked(case, {**_FLIGHT, "scenario": ""}))
     outcome = flight.run(flight.draw(np.random.default_rng([seed])))
     rows: list[Row] = []
     for k, look in enumerate(flight.looks):
@@ -80,21 +78,9 @@ def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
 
 def outage(case: Mapping[str, Any], seed: int) -> list[Row]:
     """Return the outage study of one drawn flight, started by itself: a row for each window."""
-    known = {
-        "imu": "tactical",
-        "oscillator": "tcxo",
-        "duration_s": 400.0,
-        "imu_rate_hz": 100.0,
-        "noise_factor": 1.0,
-    }
-    asked = _asked(case, {**known, "length_s": 30.0, "every_s": 60.0, "satellites": "", "kinds": ""})
-    flight = matched_flight(
-        str(asked["imu"]),
-        str(asked["oscillator"]),
-        float(asked["duration_s"]),
-        float(asked["imu_rate_hz"]),
-        float(asked["noise_factor"]),
-    )
+    windows = {"length_s": 30.0, "every_s": 60.0, "satellites": "", "kinds": ""}
+    asked = _asked(case, {**_FLIGHT, "duration_s": 400.0, **windows})
+    flight = _flight(asked)
     names = (tuple(filter(None, str(asked[key]).split(","))) for key in ("satellites", "kinds"))
     satellites, kinds = names
     study = outage_study(
@@ -116,6 +102,19 @@ def outage(case: Mapping[str, Any], seed: int) -> list[Row]:
         }
         for row in study.windows.to_dict("records")
     ]
+
+
+def _flight(asked: Mapping[str, Any]) -> MatchedFlight:
+    """Return the matched flight of a case."""
+    imu, clock, scenario = (str(asked.get(key, "")) for key in ("imu", "oscillator", "scenario"))
+    numbers = {key: float(asked[key]) for key in ("duration_s", "imu_rate_hz", "noise_factor")}
+    return _matched_flight(imu, clock, scenario or None, **numbers)
+
+
+@lru_cache(maxsize=8)
+def _matched_flight(imu: str, clock: str, scenario: str | None, **numbers: Any) -> MatchedFlight:
+    """Return a flight; a worker computes the truth of each once."""
+    return MatchedFlight.of(imu, clock, scenario=scenario, **numbers)
 
 
 def masking(case: Mapping[str, Any], seed: int) -> list[Row]:

@@ -36,6 +36,7 @@ from insgnss.interference.riccati import discretised, predicted_covariance
 from insgnss.kernels.jit import kernel
 from insgnss.results.shown import ResultDisplay
 from insgnss.tables import Float64, Int64
+from insgnss.tracking.admissible import seeded
 
 _BLOCK: Final = 500  # integrations whose noise is drawn at once
 NEVER: Final = -1
@@ -192,7 +193,7 @@ def slip_runs(
 
     def one(run: int) -> tuple[Int64, Float64]:
         """Return slips and squares of one run."""
-        return _run(receiver, steps, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))))
+        return _run(receiver, steps, seeded(seed, run))
 
     with ThreadPoolExecutor(threads) as pool:
         slips, squares = (np.array(column) for column in zip(*pool.map(one, range(runs)), strict=True))

@@ -67,8 +67,12 @@ class SampleEquipment:
     @property
     def sampling(self) -> Sampling:
         """Return how the signal is sampled."""
-        s = self.settings
-        return Sampling(s.rate_hz, s.intermediate_hz, s.is_complex)
+        return sampling_of(self.settings)
+
+
+def sampling_of(settings: SampleReceiver) -> Sampling:
+    """Return how the front end samples the signal."""
+    return Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
 
 
 class SampleLoop:

@@ -43,7 +43,7 @@ from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_s
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog
 from insgnss.simulation.trajectory import reference_table
 from insgnss.studies.figures import sample_figure
-from insgnss.studies.samples.loop import SampleEquipment, SampleLoop
+from insgnss.studies.samples.loop import SampleEquipment, SampleLoop, sampling_of
 from insgnss.studies.samples.search import expected_at_start, start_outlook
 from insgnss.studies.samples.tables import channel_table, epoch_table, search_table, summary_of
 from insgnss.studies.saved_study import SavedStudy
@@ -53,8 +53,9 @@ from insgnss.tracking.admissible import (
     require_seed,
     require_whole,
     require_within,
+    seeded,
 )
-from insgnss.tracking.signal import Sampling, SignalSamples
+from insgnss.tracking.signal import SignalSamples
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -156,7 +157,7 @@ def sample_receiver(
         _check_recording(Path(recording), use, duration_s)
     results: list[_Tables] = []
     for loss in losses_db:
-        sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
+        sky = signal_sky(flight.scenario, duration_s, seeded(seed, _SKY), cn0_change_db=-loss)
         equipment = equipment_of(flight, sky, use, filter, seed)
 
         def one(name: str, sky: SignalSky = sky, equipment: SampleEquipment = equipment) -> _Tables:
@@ -199,7 +200,7 @@ def record_samples(
     use = settings or SampleReceiver()
     require_seed(seed)
     _check_loss(loss_db)
-    sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss_db)
+    sky = signal_sky(flight.scenario, duration_s, seeded(seed, _SKY), cn0_change_db=-loss_db)
     write_iq(path, _samples(sky, use, seed), use.sample_type)
     return math.ceil(sky.duration_s * use.rate_hz)
 
@@ -222,7 +223,7 @@ def equipment_of(
         }
     )
     first_ns = int(flight.log.imu.t_ns[0])
-    start = given_start(scenario, first_ns, _rng(seed, _START))
+    start = given_start(scenario, first_ns, seeded(seed, _START))
     setup = FilterSetup(
         config,
         scenario.grade,
@@ -296,8 +297,7 @@ def _blocks(
 
 
 def _recorded(path: Path, settings: SampleReceiver) -> IqFile:
-    sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
-    return IqFile(path, sampling, settings.sample_type)
+    return IqFile(path, sampling_of(settings), settings.sample_type)
 
 
 def _check_listed(key: str, given: object, advice: str) -> None:
@@ -322,10 +322,5 @@ def _check_recording(path: Path, settings: SampleReceiver, duration_s: float) ->
 
 def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[SignalSamples]:
     """Return the samples of a sky with the noise of a seed."""
-    sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
     noise = int(np.random.SeedSequence(seed, spawn_key=(_NOISE,)).generate_state(1)[0])
-    return sample_blocks(sky, sampling, noise)
-
-
-def _rng(seed: int, key: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,)))
+    return sample_blocks(sky, sampling_of(settings), noise)
