@@ -79,7 +79,13 @@ def test_position_and_phases_own_states_are_as_far_off_as_they_say() -> None:
 def test_phase_and_code_that_wander_apart_are_followed() -> None:
     constant = setting("coherent", True, 100.0)
     known = flown(constant, VARIANTS["one_stage_code"], 40.0, 1, 24)[0].apart[-1, :, 1]
-    runs = flown(replace(constant, divergence_density=1e-3), VARIANTS["one_stage_code"], 40.0, RUNS, 24)
+    runs = flown(
+        replace(constant, options=replace(constant.options, divergence_density=1e-3)),
+        VARIANTS["one_stage_code"],
+        40.0,
+        RUNS,
+        24,
+    )
     ratio = np.array([np.mean((run.apart[-1, :, 0] / run.apart[-1, :, 1]) ** 2) for run in runs])
     low, high = stats.chi2.interval(0.999, RUNS)
 
@@ -91,7 +97,8 @@ def test_replicas_in_steps_are_off_by_a_twelfth_of_a_step_squared_and_cost_the_f
     fine = setting("coherent", True, 100.0)
     step_m = 0.3 / fine.channels.radians_per_m
     runs, coarse = (
-        flown(of, VARIANTS["one_stage"], 40.0, 4, 25) for of in (fine, replace(fine, steps=(step_m, 0.0)))
+        flown(of, VARIANTS["one_stage"], 40.0, 4, 25)
+        for of in (fine, replace(fine, options=replace(fine.options, replica_step_m=step_m)))
     )
     before, after = (np.mean([run.rms[:, 0] ** 2 for run in each]) for each in (runs, coarse))
 

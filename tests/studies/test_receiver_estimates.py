@@ -66,7 +66,8 @@ def test_step_of_the_signal_is_seen_within_half_a_second() -> None:
 
 def test_estimated_cn0_costs_one_stage_a_decibel_of_its_threshold_at_most() -> None:
     """Half of the runs lose lock at 17.5 dBHz with known C/N0; with the estimates of half seconds at 19.9 dBHz."""
-    of = replace(setting("coherent", True, 100.0), estimates_cn0=True)
+    of = setting("coherent", True, 100.0)
+    of = replace(of, options=replace(of.options, estimates_cn0=True))
     time_s = of.truth.step_s * np.arange(len(of.truth.t_s))
     falling = np.maximum(45.0 - 2.0 * np.maximum(time_s - 5.0, 0.0), 18.8)[:, None]
 

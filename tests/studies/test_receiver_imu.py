@@ -44,7 +44,7 @@ def test_gap_holds_the_newest_sample_and_says_that_motion_is_unknown() -> None:
 
 def test_gaps_cost_velocity_and_the_filter_knows_it() -> None:
     of = setting("noncoherent", True, 100.0)
-    gapped = replace(of, imu_gaps_s=((60.0, 60.3), (75.0, 76.0)))
+    gapped = replace(of, options=replace(of.options, imu_gaps_s=((60.0, 60.3), (75.0, 76.0))))
     whole, runs = (flown(x, VARIANTS["one_stage"], 40.0, RUNS, 41) for x in (of, gapped))
     k = math.floor(60.2 / (of.record_every * of.truth.step_s))
 
@@ -58,7 +58,7 @@ def test_gaps_cost_velocity_and_the_filter_knows_it() -> None:
 @pytest.mark.parametrize("name", ["two_stage", "optimal"])
 def test_channels_with_filters_of_their_own_know_of_a_gap_and_hold_their_phases(name: str) -> None:
     of = setting("coherent", True, 100.0)
-    gapped = replace(of, imu_gaps_s=((25.0, 25.1),))
+    gapped = replace(of, options=replace(of.options, imu_gaps_s=((25.0, 25.1),)))
     runs = flown(gapped, VARIANTS[name], 40.0, RUNS, 43)
     # messages leave out what the attitude's error does within an interval: for a second after the gap that is too much
     second_s = {"two_stage": 25.0, "optimal": 26.0}[name]

@@ -304,7 +304,9 @@ def test_late_inertial_samples_cost_the_replicas_and_not_the_filter() -> None:
 def test_estimated_cn0_costs_little(cn0_dbhz: float) -> None:
     of = setting("coherent", True, 100.0)
     told = flown(of, VARIANTS["one_stage"], cn0_dbhz, 4)
-    estimated = flown(replace(of, estimates_cn0=True), VARIANTS["one_stage"], cn0_dbhz, 4)
+    estimated = flown(
+        replace(of, options=replace(of.options, estimates_cn0=True)), VARIANTS["one_stage"], cn0_dbhz, 4
+    )
 
     assert np.nanmean([run.cn0_dbhz for run in estimated]) == pytest.approx(cn0_dbhz, abs=0.4)
     assert settled(of, estimated, VELOCITY) == pytest.approx(settled(of, told, VELOCITY), rel=0.15)
