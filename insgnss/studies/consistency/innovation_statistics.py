@@ -17,7 +17,7 @@ left is noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -237,10 +237,7 @@ def common_factor(used: pd.DataFrame, gate: float) -> float:
         taken = 1.0 - float(truncated_mean(gate / math.sqrt(q)))
         return mean_square - f2 * (1.0 - f2 * (1.0 - share) / q * taken)
 
-    ends = -math.log(_LARGEST_FACTOR), math.log(_LARGEST_FACTOR)
-    if not excess(ends[0]) > 0.0 > excess(ends[1]):
-        return math.nan  # as even as the gate lets through
-    return math.exp(float(optimize.brentq(excess, *ends, xtol=1e-6)))
+    return _factor_at_zero(excess)  # NaN: as even as the gate lets through
 
 
 def satellite_factor(used: pd.DataFrame, of_kind: float) -> float:
@@ -258,10 +255,15 @@ def satellite_factor(used: pd.DataFrame, of_kind: float) -> float:
         q = h + math.exp(2.0 * log_f) * (1.0 - h)
         return float(np.sum((1.0 - h) / q * (z2 / q - 1.0)))
 
+    return of_kind * _factor_at_zero(score)
+
+
+def _factor_at_zero(falling: Callable[[float], float]) -> float:
+    """Return the factor at whose logarithm a falling function is zero, NaN where it is beyond the largest factors."""
     ends = -math.log(_LARGEST_FACTOR), math.log(_LARGEST_FACTOR)
-    if not score(ends[0]) > 0.0 > score(ends[1]):
+    if not falling(ends[0]) > 0.0 > falling(ends[1]):
         return math.nan
-    return of_kind * math.exp(float(optimize.brentq(score, *ends, xtol=1e-6)))
+    return math.exp(float(optimize.brentq(falling, *ends, xtol=1e-6)))
 
 
 class Whiteness(NamedTuple):
