@@ -45,10 +45,12 @@ from insgnss.interference.lock_thresholds import LockThreshold, lock_threshold
 from insgnss.interference.margin import (
     PhaseLoop,
     bandwidth_at_margin_hz,
+    diagram,
     greatest_drift,
     margin_db,
     margin_in_motion_db,
     threshold_cn0_dbhz,
+    trade_off,
 )
 from insgnss.interference.optimal_loop import (
     discrete_gains,
@@ -66,7 +68,6 @@ from insgnss.interference.phase_models import (
     receiver_models,
 )
 from insgnss.interference.third_order import third_order_gains
-from insgnss.interference.trade_off_diagram import diagram, trade_off
 
 __all__ = [
     "DISCRIMINATORS",

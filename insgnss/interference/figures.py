@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
-from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
-from insgnss.interference.trade_off_diagram import diagram, trade_off
+from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, diagram, margin_db, trade_off
 from insgnss.results.matplotlib_figure import PAPER_COLOURS, new_figure
 from insgnss.tables import Float64
 

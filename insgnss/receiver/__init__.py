@@ -14,8 +14,7 @@
 from __future__ import annotations
 
 from insgnss.receiver.predictions import Outlook, SupervisionSetup, outlook
-from insgnss.receiver.sightings import Sightings, sightings_of
-from insgnss.receiver.supervised_run import SupervisedRun, supervise_run
+from insgnss.receiver.supervised_run import Sightings, SupervisedRun, sightings_of, supervise_run
 
 __all__ = [
     "Outlook",

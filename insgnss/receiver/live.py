@@ -30,11 +30,14 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import Bank
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.receiver.predictions import Outlook, SupervisionSetup, filter_alone, outlook, scales
-from insgnss.receiver.sightings import LATE_EPOCHS, Sightings, presence, sightings_of
 from insgnss.receiver.supervised_run import (
+    LATE_EPOCHS,
+    Sightings,
     SupervisedRun,
     longest_gap_ns,
+    presence,
     search_times,
+    sightings_of,
     supervision_table,
     transition_table,
 )

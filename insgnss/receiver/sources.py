@@ -16,8 +16,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.log.flight import FlightLogs
 from insgnss.receiver.events import ReceiverEvents, read_receiver_events
 from insgnss.receiver.predictions import SupervisionSetup, outlook
-from insgnss.receiver.sightings import LATE_EPOCHS, Sightings, sightings_of
-from insgnss.receiver.supervised_run import SupervisedRun, supervise_run
+from insgnss.receiver.supervised_run import LATE_EPOCHS, Sightings, SupervisedRun, sightings_of, supervise_run
 from insgnss.tables import Event, Int64
 
 # the last sample before an epoch, at most so old: else inertial ones lack

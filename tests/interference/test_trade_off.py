@@ -7,8 +7,15 @@ import pytest
 
 from insgnss.interference.discriminators import discriminator
 from insgnss.interference.drift import ins_density, oscillator_density
-from insgnss.interference.margin import PhaseLoop, margin_db
-from insgnss.interference.trade_off_diagram import PER_OSCILLATOR, density, diagram, per_ins, trade_off
+from insgnss.interference.margin import (
+    PER_OSCILLATOR,
+    PhaseLoop,
+    density,
+    diagram,
+    margin_db,
+    per_ins,
+    trade_off,
+)
 
 F0 = 1600e6
 TYPE_1 = PhaseLoop(discriminator("Q", 0.076), 1.022e6, 0.01)

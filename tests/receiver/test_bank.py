@@ -19,7 +19,7 @@ from insgnss.gnss.signals import L1_HZ
 from insgnss.receiver import Outlook, SupervisedRun, outlook, sightings_of, supervise_run
 from insgnss.receiver.events import LOCK, LOSS, SEARCHES, ReceiverEvents
 from insgnss.receiver.predictions import scales
-from insgnss.receiver.sightings import presence
+from insgnss.receiver.supervised_run import presence
 from insgnss.receiver.tracking_state import MISSING, NOT_KNOWN, PRESENT
 from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.sample_trajectories import AIRFIELD

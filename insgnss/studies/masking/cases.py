@@ -25,10 +25,11 @@ from insgnss.studies.masking.banked_flight import SCENARIO_WEEK, START_NS, Banke
 from insgnss.studies.masking.receiver_channels import (
     SEARCHED,
     ChannelSpell,
+    SupervisedChannels,
     supervised_channels,
+    supervised_channels_of,
     unsupervised_channels,
 )
-from insgnss.studies.masking.supervised_receiver import SupervisedChannels, supervised_channels_of
 from insgnss.studies.saved_study import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import antennas_of
 from insgnss.tables import GnssTable
