@@ -16,8 +16,8 @@ a vibrating mount, or its time is wrong.
   some two seconds, and by the covariance they correct attitude and biases too: the bias of a gyro that warms up is not
   what it was at the start. Normal errors are 5 sigma away once in two million.
 
-A fix that repeats the one before to the bit is not evidence against the filter: a receiver that has lost its satellites,
-or its log, stands still while the vehicle goes on. The gate judges it as any other: at rest it is used.
+A fix that repeats the one before to the bit is not evidence against the filter: a receiver that has lost its
+satellites, or its log, stands still while the vehicle goes on. The gate judges it as any other: at rest it is used.
 
 While several headings are open, each is widened by itself: at rest no fix tells them apart, and one that drifts away
 alone would keep its weight. All share one sensor: its noise is found from the heading that fits the fixes best. An
