@@ -87,15 +87,16 @@ def watch(
             reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
 
 
-def refute(head: HeadRecord, kinds: Iterable[Kind], refuted: HeadRecord) -> list[str]:
-    """Leave out, in the filter that takes the place of a refuted one, the kinds that agreed with that one.
+def refute(head: HeadRecord, kinds: Iterable[Kind], refuted: HeadRecord, *, is_given: bool) -> list[str]:
+    """Leave out, in the filter that takes the place of a refuted one, the kinds that gave it its heading.
 
-    Those that contradicted it are used again. Agreement counts while the prediction is as good as a reading.
+    With a given start those that contradicted it are used on. Agreement counts while the prediction is as good as a
+    reading.
     """
     names = []
     for kind in kinds:
         at = kind.watch
-        agreed = bool(refuted.own_nis_ns[at] != 0 and refuted.own_nis[at] < _CONTRADICTS)
+        agreed = not is_given or bool(refuted.own_nis_ns[at] != 0 and refuted.own_nis[at] < _CONTRADICTS)
         head.own_contradicts[at], head.own_nis[at] = int(agreed), _MOST if agreed else 1.0
         head.own_reach[at], head.own_nis_ns[at] = 0.0, refuted.own_nis_ns[at]
         if agreed:

@@ -255,8 +255,8 @@ def banks_of(bank: Bank | None, trial: StartValidation | None) -> list[Bank]:
 
 
 def refusal(trial: StartValidation, t_ns: int, was: Bank, now: Bank) -> Event:
-    """Leave out the sensors that agreed with a filter whose place the alternatives take; return the event."""
-    names = refute(now.head[0], trial.headings, was.head[0])
+    """Leave out the sensors that gave a heading to a filter whose place the alternatives take; return the event."""
+    names = refute(now.head[0], trial.headings, was.head[0], is_given=trial.is_given)
     refuted = " and ".join(f"'{name}'" for name in names)
     contradicted = "the given start" if trial.is_given else refuted
     before, after = (
