@@ -154,9 +154,7 @@ class HeadRecord(Record):
     rejected_epochs: int  # consecutive epochs with most rows of a kind refused
     silent_ns: int  # time since when no measurement was used; 0 when there are some
     diverged_ns: int  # time since when the innovations are far too large; 0 when they are not
-    placed_ns: (
-        int  # when many pseudoranges last agreed with the position, its way measured since; 0: no such time
-    )
+    placed_ns: int  # when many pseudoranges last agreed with the place, the way measured since; 0: never
     log_likelihood: float  # of the epochs, where one heading is left; for ``suspects``
     doubted_ns: int  # the filter's own prediction is not suspected before
     masking: int  # visibility stage: 0 nothing reported yet, 1 it waits, 2 it masks

@@ -30,8 +30,12 @@ class HeadingMeasurement(SensorMeasurement[HeadingSensor]):
     """A heading's rows and its mounting uncertainty."""
 
     unit: ClassVar[str] = "rad"
-    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "its unit, sign and mounting; a compass: declination and steel nearby"
+
+    @property
+    def tells_heading(self) -> bool:
+        """It does."""
+        return True
 
     def states(self) -> tuple[StateBlock, ...]:
         """Return the offset."""
@@ -53,8 +57,12 @@ class AttitudeMeasurement(SensorMeasurement[AttitudeSensor]):
     """Rows of roll, pitch and yaw, as many of them as the log has."""
 
     unit: ClassVar[str] = "rad"
-    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "its unit, the order and signs of the angles, its mounting and time"
+
+    @property
+    def tells_heading(self) -> bool:
+        """It does if the log has the yaw."""
+        return self.config.value_columns[2] != "none"
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
         """Return the rows of an attitude."""

@@ -37,8 +37,12 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
     """A magnetometer's rows, its hard iron, and the uncertainty of the field."""
 
     unit: ClassVar[str] = "uT"
-    tells_heading: ClassVar[bool] = True
     hint: ClassVar[str] = "motors, currents and steel nearby; its axes and unit, declination and intensity"
+
+    @property
+    def tells_heading(self) -> bool:
+        """It does."""
+        return True
 
     def states(self) -> tuple[StateBlock, ...]:
         """Return hard iron, intensity and declination."""

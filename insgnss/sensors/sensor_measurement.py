@@ -37,7 +37,6 @@ class SensorMeasurement(Generic[Config]):
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused
-    tells_heading: ClassVar[bool] = False
     stepping: ClassVar[str] = ""  # which of its own states may step
     together: ClassVar[bool] = True  # one component out of its gate refuses the whole reading
 
@@ -57,9 +56,9 @@ class SensorMeasurement(Generic[Config]):
         return self.config.clock
 
     @property
-    def watched(self) -> bool:
-        """Whether it is left out once the motion has refuted its heading."""
-        return self.tells_heading
+    def tells_heading(self) -> bool:
+        """Whether it gives the heading, which the motion may refute."""
+        return False
 
     @property
     def steps(self) -> str:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import insgnss
+from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.runs.result import Run
+from insgnss.sensors.attitude_fixes import AttitudeMeasurement
+from insgnss.sensors.readings import LiveReadings
 from tests.runs.scenes import START_S, kinds, true_start, turns
-from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
+from tests.sensors.scenes import city_car, declared, fault, flown, simulated, with_sensors
 
 MOVES_S = 34.0  # three seconds after the car pulls away
 WRONG = {
@@ -80,3 +84,32 @@ def test_sensor_that_was_refuted_is_used_again_once_it_agrees() -> None:
     assert "rows_agree" in kinds(run)
     late = run.measurements.query("kind == 'heading' and time_s > @START_S + 100.0")
     assert (late["status"] == "used").all()
+
+
+def test_of_two_sensors_the_wrong_one_is_left_out() -> None:
+    pair = [simulated("attitude", rate_hz=2.0), simulated("heading", rate_hz=2.0)]
+    wrong = fault("sensor_step", 0.0, 200.0, sensor="heading", size=(90.0,))
+    run = insgnss.replay(flown(with_sensors(city_car(), pair, [wrong]), 75), output=1.0)
+    late = run.measurements["time_s"] > START_S + MOVES_S + 20.0
+    used = run.measurements[late].groupby("kind", observed=True)["status"].agg(lambda s: (s == "used").mean())
+    assert used["attitude"] > 0.9 and used["heading"] == 0.0
+    assert run.errors is not None
+    assert (run.errors["d_yaw_deg"] / run.errors["sd_yaw_deg"])[-60:].abs().max() < 4.0
+
+
+def test_attitude_without_yaw_gives_no_heading_to_validate() -> None:
+    config = declared(simulated("attitude", rate_hz=2.0))
+    columns = config.columns.model_copy(update={"attitude": ("roll_deg", "pitch_deg", "none")})
+    level = config.model_copy(update={"columns": columns})
+    readings = LiveReadings(config)
+    assert AttitudeMeasurement(config, readings).tells_heading
+    assert not AttitudeMeasurement(level, readings).tells_heading
+
+
+def test_measurement_of_a_users_own_that_tells_the_heading_has_a_place_among_the_watched() -> None:
+    source = SimpleNamespace(
+        name="sun", times_ns=np.arange(3), rows=lambda state, layout: (), tells_heading=True
+    )
+    own = own_measurements([source])
+    assert own is not None and own.kinds[0].watch == 0 and own.headings == own.kinds
+    assert own.without(own.headings).kinds == () and len(own.without(own.headings).times_ns) == 0

@@ -17,7 +17,7 @@ outage may be the filter's own error: there any agreement counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -87,21 +87,21 @@ def watch(
             reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
 
 
-def refute(head: HeadRecord, kinds: Iterable[Kind], refuted: HeadRecord, *, is_given: bool) -> list[str]:
-    """Leave out, in the filter that takes the place of a refuted one, the kinds that gave it its heading.
+def refute(head: HeadRecord, kinds: Sequence[Kind], refuted: HeadRecord, *, is_given: bool) -> list[str]:
+    """Leave out, in the filter that takes the place of a refuted one, the kinds that agreed with that one.
 
-    With a given start those that contradicted it are used on. Agreement counts while the prediction is as good as a
-    reading.
+    If its heading was not given, they gave it: where none agrees any more, all are left out. Those that contradicted it
+    are used on. Agreement counts while the prediction is as good as a reading.
     """
-    names = []
+    mean, last_ns = refuted.own_nis, refuted.own_nis_ns
+    agreed = {kind.name for kind in kinds if last_ns[kind.watch] != 0 and mean[kind.watch] < _CONTRADICTS}
+    if not agreed and not is_given:
+        agreed = {kind.name for kind in kinds}
     for kind in kinds:
-        at = kind.watch
-        agreed = not is_given or bool(refuted.own_nis_ns[at] != 0 and refuted.own_nis[at] < _CONTRADICTS)
-        head.own_contradicts[at], head.own_nis[at] = int(agreed), _MOST if agreed else 1.0
-        head.own_reach[at], head.own_nis_ns[at] = 0.0, refuted.own_nis_ns[at]
-        if agreed:
-            names.append(kind.name)
-    return names
+        at, is_refuted = kind.watch, kind.name in agreed
+        head.own_contradicts[at], head.own_nis[at] = int(is_refuted), _MOST if is_refuted else 1.0
+        head.own_reach[at], head.own_nis_ns[at] = 0.0, last_ns[at]
+    return sorted(agreed)
 
 
 def _is_supported(head: HeadRecord, t_ns: int) -> bool:

@@ -66,8 +66,8 @@ class Measurement(Protocol):
     - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
       samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
-    - ``tells_heading``: True of a sensor that gives the heading, ``watched`` too. Its heading is validated like a given
-      start: filters without the sensor run in parallel until the vehicle has moved.
+    - ``tells_heading``: True of a sensor that gives the heading, which is validated like a given start: filters without
+      the sensor run in parallel until the vehicle has moved.
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``), unless its method ``repeats(t_ns)`` says that they repeat those before.
     - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
@@ -209,7 +209,8 @@ def own_measurements(
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
-    watched, carrying, stepping = (_places(kinds, wish) for wish in ("watched", "carrying", "steps"))
+    wishes = ("watched", "tells_heading"), ("carrying",), ("steps",)
+    watched, carrying, stepping = (_places(kinds, *each) for each in wishes)
     kinds = tuple(
         replace(
             kind,
@@ -227,12 +228,13 @@ def _on_one_line(kinds: tuple[Kind, ...], arrived: LiveTimes) -> OwnMeasurements
     return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})), arrived)
 
 
-def _places(kinds: Iterable[Kind], wish: str) -> dict[str, int]:
-    """Return the places of the kinds whose measurement has an attribute ``wish`` that is True or not empty."""
-    names = [kind.name for kind in kinds if getattr(kind.source, wish, False)]
+def _places(kinds: Iterable[Kind], *wishes: str) -> dict[str, int]:
+    """Return the places of the kinds whose measurement has one of some attributes, True or not empty."""
+    names = [kind.name for kind in kinds if any(getattr(kind.source, wish, False) for wish in wishes)]
     if len(names) > MAX_WATCHED:
+        named = " or ".join(f"'{wish}'" for wish in wishes)
         raise MeasurementError(
-            f"{len(names)} measurements have '{wish}' set: {', '.join(names)}",
+            f"{len(names)} measurements have {named} set: {', '.join(names)}",
             advice=f"at most {MAX_WATCHED} can have it; leave it out for the others",
         )
     return {name: place for place, name in enumerate(names)}

@@ -58,8 +58,9 @@ def open_steps(
         place = int(layout[kind.steps].columns.start)
         for i, of_member in rows.items():
             row = of_member[j][1]
-            partial = float(row.h[row.columns == place][0])
-            bank.P[i, place, place] += (row.innovation / partial) ** 2
+            if math.isfinite(row.innovation):
+                partial = float(row.h[row.columns == place][0])
+                bank.P[i, place, place] += (row.innovation / partial) ** 2
         steps.append(ErrorStep(place, _in_words(kind, entry)))
     return tuple(steps)
 
