@@ -64,9 +64,9 @@ _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 _UNCERTAIN_APART_S = 10.0
 _NOISY: Final = 9.0  # times the variance before: of less the sigmas alone give notice
 _MANY = 7  # pseudoranges that place the filter ...
-_FEW_REFUSED = 9  # ... if of ten at most one is refused
+_PER_REFUSED = 9  # ... so many used for each refused
 _RATES = 4  # range rates that measure a velocity
-_WAY_S = 3.0  # longer from one epoch to the next they do not measure the way
+_WAY_S = 3.0  # longest gap that they bridge
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
@@ -232,11 +232,11 @@ def run_epochs(
 
 @kernel(inline=True)
 def note_place(head: HeadRecord, done: UpdateOutcome, t_ns: int) -> None:
-    """Note when many pseudoranges last agreed with the position; forget it where range rates stop measuring the way."""
+    """Note when many pseudoranges last agreed with the place; forget it where range rates stop measuring velocity."""
     late = (t_ns - head.epoch_ns) * 1e-9 > _WAY_S
     if late or done.rates_used < _RATES or done.rates_refused > done.rates_used:
         head.placed_ns = 0
-    if done.ranges_used >= _MANY and _FEW_REFUSED * done.ranges_refused <= done.ranges_used:
+    if done.ranges_used >= _MANY and _PER_REFUSED * done.ranges_refused <= done.ranges_used:
         head.placed_ns = t_ns
 
 

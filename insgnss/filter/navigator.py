@@ -86,7 +86,7 @@ class Navigator:
     health: FilterHealth = field(init=False)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
-    trial: StartValidation | None = None  # of a given start
+    trial: StartValidation | None = None  # of a given start, or of a sensor's heading
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # status of a user's own rows, by time
     watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
@@ -200,15 +200,16 @@ class Navigator:
         return left_behind(self.bank, imu, self.setup, self._parameters)
 
     def _try(self, trial: StartValidation, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
-        """Handle the stop of the compiled loop, and update the validation of the given start with the epoch."""
+        """Handle the stop of the compiled loop, and update the validation of the start with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
         if code == LOCKOUT and trial.log_probability() < _DOUBTED:
             self._refuse_start(
                 t_ns, trial.end_with_alternatives()
-            )  # rather than to set right what is not worth it
+            )  # rather than set right what is not worth it
             return
         assert self.bank is not None
-        self.bank.head["doubted_ns"] = t_ns + 1  # it is the start that is in doubt, no sensor
+        if not trial.waits:
+            self.bank.head["doubted_ns"] = t_ns + 1  # the start is in doubt, no inertial sensor
         self._handle(code, imu, rows, epoch)
         if self.bank is None:
             self.trial = None
@@ -220,13 +221,13 @@ class Navigator:
                 self.trial = None
 
     def _refuse_start(self, t_ns: int, bank: Bank) -> None:
-        """Replace the given start by its alternatives."""
+        """Replace the filter by the alternatives to its start."""
         assert self.bank is not None
         assert self.trial is not None
         self.events.append(refusal(self.trial, t_ns, self.bank, bank))
         self.bank, self.trial = bank, None
         self.health.forget()
-        bank.head["renewed_ns"] = t_ns
+        bank.head["renewed_ns"], bank.head["placed_ns"] = t_ns, 0
         self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> None:
@@ -300,7 +301,7 @@ class Navigator:
         """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
-        if self.trial is None and self.health.is_due(bank, code, t_ns):
+        if (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
             self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
         elif code == PRUNE:
             self._prune()
@@ -358,7 +359,7 @@ class Navigator:
         elif remedy.bank is not self.bank:
             self.bank = remedy.bank
             if self.trial is not None:
-                self.trial = validation(self.setup, is_given=self.trial.is_given)  # of the filter set right
+                self.trial = validation(self.setup, is_given=self.trial.is_given)  # of the reset filter
 
     def note_silence(self, t_ns: int) -> None:
         """Report at ``t_ns`` that the measurements have ended, if no further epoch reports it."""

@@ -154,7 +154,9 @@ class HeadRecord(Record):
     rejected_epochs: int  # consecutive epochs with most rows of a kind refused
     silent_ns: int  # time since when no measurement was used; 0 when there are some
     diverged_ns: int  # time since when the innovations are far too large; 0 when they are not
-    placed_ns: int  # when many pseudoranges last agreed with the place, the way measured since; 0: never
+    placed_ns: (
+        int  # when many pseudoranges last agreed with the place, velocity measured ever since; 0: never
+    )
     log_likelihood: float  # of the epochs, where one heading is left; for ``suspects``
     doubted_ns: int  # the filter's own prediction is not suspected before
     masking: int  # visibility stage: 0 nothing reported yet, 1 it waits, 2 it masks
@@ -171,7 +173,8 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
-    own_reach: Annotated[Float64, MAX_WATCHED]  # largest variance of a prediction that may be agreed with
+    # largest variance of a prediction that may be agreed with; 0: that of a reading
+    own_reach: Annotated[Float64, MAX_WATCHED]
     own_refused: Annotated[Int64, MAX_WATCHED]  # readings refused in a row, of a sensor whose error may step
     own_refused_ns: Annotated[Int64, MAX_WATCHED]  # when the first of them came
     # of own rows that carry the filter (``own_rows.carrying``)

@@ -34,7 +34,7 @@ class HeadingMeasurement(SensorMeasurement[HeadingSensor]):
 
     @property
     def tells_heading(self) -> bool:
-        """It does."""
+        """Return True: it measures the heading."""
         return True
 
     def states(self) -> tuple[StateBlock, ...]:
@@ -61,7 +61,7 @@ class AttitudeMeasurement(SensorMeasurement[AttitudeSensor]):
 
     @property
     def tells_heading(self) -> bool:
-        """It does if the log has the yaw."""
+        """Return whether the log has the yaw."""
         return self.config.value_columns[2] != "none"
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:

@@ -29,7 +29,7 @@ class BarometerMeasurement(SensorMeasurement[Barometer]):
     """A barometer's rows, its offset and its scale."""
 
     unit: ClassVar[str] = "m"
-    stepping: ClassVar[str] = "offset"
+    stepping_state: ClassVar[str] = "offset"
     hint: ClassVar[str] = "a window or ventilation that moves the pressure; its unit, time and port"
 
     def states(self) -> tuple[StateBlock, ...]:

@@ -41,7 +41,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
 
     @property
     def tells_heading(self) -> bool:
-        """It does."""
+        """Return True: it measures the heading."""
         return True
 
     def states(self) -> tuple[StateBlock, ...]:

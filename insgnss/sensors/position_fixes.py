@@ -9,8 +9,9 @@ than after one. ``correlation_time_s`` says for how long, 5 s for positions when
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -20,10 +21,11 @@ from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.vectors import cross_product
 from insgnss.sensors.body_motion import velocity_of
-from insgnss.sensors.readings import Reading
+from insgnss.sensors.readings import Reading, Readings
 from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 from insgnss.tables import Float64
 
+_MOVED: Final = 3.0  # sigmas from a fix to the next, which a vehicle at rest does not move
 _UNKNOWN = (np.nan,) * 3  # sigmas that neither settings nor log state: the reading is refused
 
 
@@ -32,6 +34,18 @@ class PositionMeasurement(SensorMeasurement[PositionSensor]):
 
     unit: ClassVar[str] = "m"
     hint: ClassVar[str] = "its time, datum and heights (ellipsoid or sea level), its lever arm and sigmas"
+
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether a fix repeats the one before although the vehicle was moving.
+
+        At rest a receiver may hold its position; there a repeat shows that the vehicle stands.
+        """
+        repeated = self.readings.repeated(t_ns) if isinstance(self.readings, Readings) else None
+        if repeated is None or repeated[1] is None:
+            return False
+        here, before = (fix_ecef(value, 0.0) for value in (repeated[0], repeated[1]))
+        sigma = sigma_or(self.readings.at(t_ns).sigma, self.config.sigma_m or _UNKNOWN)
+        return bool(np.linalg.norm(here - before) > _MOVED * math.sqrt(2.0) * np.nanmax(sigma[:2]))
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
         """Return the rows of a fix; a missing height refuses the row of the height alone."""
@@ -60,6 +74,11 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
 
     unit: ClassVar[str] = "m/s"
     hint: ClassVar[str] = "its axes and their signs, its time, lever arm and sigmas"
+
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether a velocity other than zero repeats the one before."""
+        repeated = self.readings.repeated(t_ns) if isinstance(self.readings, Readings) else None
+        return repeated is not None and bool(np.nan_to_num(repeated[0]).any())
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
         """Return the rows of a velocity."""

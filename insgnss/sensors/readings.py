@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,10 +40,23 @@ class Readings:
         k = int(np.searchsorted(self.times_ns, t_ns))
         return Reading(self.values[k], self.sigma[k], float(self.weight[k]))
 
-    def repeats(self, t_ns: int) -> bool:
-        """Return whether the reading of an existing time is the same to the bit as the one before."""
+    @cached_property
+    def _run_starts(self) -> Int64:
+        """Index of the first of the equal readings in a row to which each belongs (n,)."""
+        n = len(self.values)
+        starts = np.arange(n, dtype=np.int64)
+        now, before = self.values[1:], self.values[:-1]
+        same = ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
+        starts[1:][same] = 0
+        return np.maximum.accumulate(starts)
+
+    def repeated(self, t_ns: int) -> tuple[Float64, Float64 | None] | None:
+        """Return the value (k,) that the reading of a time repeats to the bit and the one before that, None if none."""
         k = int(np.searchsorted(self.times_ns, t_ns))
-        return k > 0 and np.array_equal(self.values[k], self.values[k - 1])
+        first = int(self._run_starts[k])
+        if first == k:
+            return None
+        return self.values[k], self.values[first - 1] if first else None
 
 
 def weight_after(config: Sensor, before_ns: int | None, t_ns: int) -> float:
@@ -97,11 +111,6 @@ class LiveReadings:
         k = bisect_left(self.times, t_ns)
         before = self.times[k - 1] if k else None
         return Reading(*self.found[t_ns], weight_after(self.config, before, t_ns))
-
-    def repeats(self, t_ns: int) -> bool:
-        """Return whether the reading of an existing time is the same to the bit as the one before."""
-        k = bisect_left(self.times, t_ns)
-        return k > 0 and np.array_equal(self.found[t_ns][0], self.found[self.times[k - 1]][0])
 
     def forget_before(self, t_ns: int) -> None:
         """Forget the readings before a time."""

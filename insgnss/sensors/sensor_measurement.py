@@ -37,7 +37,7 @@ class SensorMeasurement(Generic[Config]):
 
     unit: ClassVar[str] = ""
     hint: ClassVar[str] = ""  # what to look at where its rows are refused
-    stepping: ClassVar[str] = ""  # which of its own states may step
+    stepping_state: ClassVar[str] = ""  # which of its own states may step
     together: ClassVar[bool] = True  # one component out of its gate refuses the whole reading
 
     @property
@@ -57,13 +57,13 @@ class SensorMeasurement(Generic[Config]):
 
     @property
     def tells_heading(self) -> bool:
-        """Whether it gives the heading, which the motion may refute."""
+        """Whether it measures the heading, which is then checked against the motion."""
         return False
 
     @property
     def steps(self) -> str:
         """Name of its state whose value may step; empty: none."""
-        return f"{self.name}_{self.stepping}" if self.stepping else ""
+        return f"{self.name}_{self.stepping_state}" if self.stepping_state else ""
 
     @property
     def live(self) -> bool:
@@ -104,10 +104,6 @@ class SensorMeasurement(Generic[Config]):
     def states(self) -> tuple[StateBlock, ...]:
         """Return the sensor's errors that stay, as states of the filter."""
         return ()
-
-    def repeats(self, t_ns: int) -> bool:
-        """Return whether the reading of a time is the same to the bit as the one before."""
-        return self.readings.repeats(t_ns)
 
     def rows(self, state: StateEstimate, layout: StateLayout) -> Sequence[Row]:
         """Return the rows of the reading at ``state.t_ns``."""

@@ -84,5 +84,5 @@ def test_row_without_the_partial_of_the_state_that_may_step_is_an_error() -> Non
     names: Any = {"position": StatePlace(slice(0, 3), "m", "ECEF"), **LAYOUT}
     state: Any = SimpleNamespace(t_ns=0)
     given = Kind(source, kind.name, kind.times_ns, None, "m", steps=kind.steps, stepping=0)
-    with pytest.raises(MeasurementError, match="no partial by 'drum_offset'"):
+    with pytest.raises(MeasurementError, match="no single partial by 'drum_offset'"):
         checked_rows(given, state, names)

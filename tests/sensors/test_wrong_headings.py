@@ -15,6 +15,7 @@ from insgnss.sensors.attitude_fixes import AttitudeMeasurement
 from insgnss.sensors.readings import LiveReadings
 from tests.runs.scenes import START_S, kinds, true_start, turns
 from tests.sensors.scenes import city_car, declared, fault, flown, simulated, with_sensors
+from tests.sensors.test_live import batch, fed, live_engine
 
 MOVES_S = 34.0  # three seconds after the car pulls away
 WRONG = {
@@ -83,7 +84,7 @@ def test_sensor_that_was_refuted_is_used_again_once_it_agrees() -> None:
     run = insgnss.replay(flown(base, 74), output=1.0)
     assert "rows_agree" in kinds(run)
     late = run.measurements.query("kind == 'heading' and time_s > @START_S + 100.0")
-    assert (late["status"] == "used").all()
+    assert (late["status"] == "used").all() and len(late) > 15
 
 
 def test_of_two_sensors_the_wrong_one_is_left_out() -> None:
@@ -113,3 +114,17 @@ def test_measurement_of_a_users_own_that_tells_the_heading_has_a_place_among_the
     own = own_measurements([source])
     assert own is not None and own.kinds[0].watch == 0 and own.headings == own.kinds
     assert own.without(own.headings).kinds == () and len(own.without(own.headings).times_ns) == 0
+
+
+def test_engine_gives_the_bits_of_replay_when_a_heading_is_refuted() -> None:
+    """The alternatives do not stop at the readings of the sensor that they do not use, live or not."""
+    sensors = [simulated("heading", rate_hz=3.0), simulated("barometer", rate_hz=2.0)]
+    wrong = fault("sensor_step", 0.0, 200.0, sensor="heading", size=(90.0,))
+    flight = flown(with_sensors(city_car(45.0), sensors, [wrong]), 76)
+    engine = live_engine(flight)
+    fed(engine, flight)
+    results = engine.take_results(all_of_them=True)
+    written = {r.t_ns: r.out.nav[0].tobytes() for r in results if r.out.counts[0].nav == 1}
+    wanted, _ = batch(flight, {})
+    assert "restart" in {event.kind for event in engine.events}
+    assert len(written) > 35 and written == {t_ns: wanted[t_ns] for t_ns in written}

@@ -44,9 +44,9 @@ _LEAST_S: Final = 3.0  # while a copy settles, its likelihood does not count
 _LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
-_CONTRADICTS2: Final = 16.0  # four sigmas of both
 _SIGMAS: Final = 4.0
-_PLACE_M: Final = 5.0  # by which a place may be wrong that many pseudoranges have shown
+_CONTRADICTS2: Final = _SIGMAS**2  # of both
+_PLACE_M: Final = 5.0  # least sigma of a place that many pseudoranges have shown
 _ELSEWHERE2: Final = 400.0  # twenty: reflections do not agree on another place and on another velocity
 _LOST: Final = 0.25  # share of the rows that still fit a filter which is lost
 _LATE: Final = 3  # epochs in a row that say so
@@ -192,7 +192,7 @@ class RecoveryTest:
         return int(members[np.argmax(self.bank.state["log_weight"][members])])
 
     def _confirmed(self, elapsed_s: float, members: Int64, filter_bank: Bank) -> bool:
-        """Return whether a copy still contradicts the filter, half a minute after its fix did."""
+        """Return whether a copy still contradicts the filter, half a minute after its fix did, and may be right."""
         if elapsed_s < _CONFIRM_S:
             return False
         lead, likeliest = int(filter_bank.head[0].leader), self._likeliest(members)
@@ -268,10 +268,10 @@ def contradiction2(one: Bank, i: int, other: Bank, j: int, name: str = "r_e", at
 
 
 def is_ruled_out(one: Bank, i: int, other: Bank, j: int) -> bool:
-    """Return whether a vehicle cannot be at another hypothesis' place: it was at this one's, and the way is measured.
+    """Return whether a vehicle cannot be at another hypothesis' place: its way from this one's was measured.
 
     Nearly all of many pseudoranges agreed with the place at some time, and range rates have measured the velocity ever
-    since. By what both velocities differ, and four sigmas of it, the vehicle may have moved away in that time.
+    since. In that time it can have moved away by the difference of the velocities plus four sigmas.
     """
     head = one.head[0]
     if head.placed_ns == 0:
@@ -281,7 +281,8 @@ def is_ruled_out(one: Bank, i: int, other: Bank, j: int) -> bool:
     apart_mps = np.linalg.norm(other.state["v_e"][j] - one.state["v_e"][i])
     block = slice(DV, DV + 3)
     sigma_mps = math.sqrt(np.trace(one.P[i, block, block] + other.P[j, block, block]))
-    return bool(apart_m > (apart_mps + _SIGMAS * sigma_mps) * seconds + _SIGMAS * _PLACE_M)
+    sigma_m = max(math.sqrt(np.trace(one.P[i, DR : DR + 3, DR : DR + 3])), _PLACE_M)
+    return bool(apart_m > (apart_mps + _SIGMAS * sigma_mps) * seconds + _SIGMAS * sigma_m)
 
 
 def _share(status: Int64) -> float:

@@ -16,8 +16,8 @@ a vibrating mount, or its time is wrong.
   some two seconds, and by the covariance they correct attitude and biases too: the bias of a gyro that warms up is not
   what it was at the start. Normal errors are 5 sigma away once in two million.
 
-A fix that repeats the one before to the bit is not evidence against the filter: a receiver that has lost its
-satellites, or its log, stands still while the vehicle goes on. The gate judges it as any other: at rest it is used.
+A fix that repeats the one before to the bit while the vehicle moves is not evidence against the filter: the receiver
+has lost its satellites, or the log has stopped. The gate judges it as any other.
 
 While several headings are open, each is widened by itself: at rest no fix tells them apart, and one that drifts away
 alone would keep its weight. All share one sensor: its noise is found from the heading that fits the fixes best. An
@@ -79,7 +79,7 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
 
 
 def _repeats(kind: Kind, t_ns: int) -> bool:
-    """Return whether a fix repeats the one before: a receiver that stands still, or its log, which shows nothing."""
+    """Return whether a fix only repeats the one before, and so is not evidence."""
     repeats = getattr(kind.source, "repeats", None)
     return repeats is not None and bool(repeats(t_ns))
 

@@ -92,8 +92,8 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
     single = variance if len(row) < 4 or row[3] is None else _variance(kind, t_ns, row[3])
     second = () if len(row) < 5 or row[4] is None else _second(kind, t_ns, row[4], layout)
     parts = [_partials(kind, t_ns, name, given, layout) for name, given in row[1].items()]
-    if kind.steps and kind.steps not in row[1]:
-        message = _at(kind, t_ns, f"a row has no partial by '{kind.steps}', the state that may step")
+    if kind.steps and (kind.steps not in row[1] or np.size(row[1][kind.steps]) != 1):
+        message = _at(kind, t_ns, f"a row has no single partial by '{kind.steps}', the state that may step")
         raise MeasurementError(message, advice="give it, or leave out 'steps'")
     if not parts:
         message = _at(kind, t_ns, "a row has no partials")

@@ -59,7 +59,8 @@ def watch(
     Parameters
     ----------
     predicted : variance of each entry's prediction (k,), without that of its own row
-    headings_open : several are; what gives the heading then contradicts all but one of them, and is not judged
+    headings_open : more than one heading is open; sensors of the heading are not judged then, as they contradict all
+        but one
     """
     by_kind: dict[str, list[tuple[float, ...]]] = {}
     for entry, variance in zip(entries, predicted.tolist(), strict=True):
@@ -75,13 +76,14 @@ def watch(
         before_ns = int(last_ns[at])
         step_s = min((t_ns - before_ns) * 1e-9, _LONGEST_STEP_S) if before_ns else 1.0
         last_ns[at] = t_ns
-        if contradicts[at] and variance > (reach[at] or own):
+        limit = reach[at] or own
+        if contradicts[at] and variance > limit:
             continue
         share = 1.0 - math.exp(-step_s / _MEMORY_S)
         mean[at] += share * (nis - mean[at])
         shows = off2 / _SHOWS2
         if contradicts[at]:
-            contradicts[at], reach[at] = int(mean[at] > _AGREES), max(reach[at], shows)
+            contradicts[at], reach[at] = int(mean[at] > _AGREES), max(limit, shows)
         elif mean[at] > _CONTRADICTS and not kind.tells_heading:
             contradicts[at] = 1
             reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
@@ -90,8 +92,8 @@ def watch(
 def refute(head: HeadRecord, kinds: Sequence[Kind], refuted: HeadRecord, *, is_given: bool) -> list[str]:
     """Leave out, in the filter that takes the place of a refuted one, the kinds that agreed with that one.
 
-    If its heading was not given, they gave it: where none agrees any more, all are left out. Those that contradicted it
-    are used on. Agreement counts while the prediction is as good as a reading.
+    After an automatic start the heading came from these sensors: if none agrees any more, all are left out. Sensors
+    that contradicted the old filter stay in use. Agreement counts while the prediction is as good as a reading.
     """
     mean, last_ns = refuted.own_nis, refuted.own_nis_ns
     agreed = {kind.name for kind in kinds if last_ns[kind.watch] != 0 and mean[kind.watch] < _CONTRADICTS}

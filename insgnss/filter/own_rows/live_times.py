@@ -23,10 +23,10 @@ class LiveTimes:
         """Return the times after ``after_ns``, up to ``until_ns``."""
         return self.times[bisect_right(self.times, after_ns) : bisect_right(self.times, until_ns)]
 
-    def next_after(self, t_ns: int) -> list[int]:
-        """Return the first time after ``t_ns``, if there is one."""
-        k = bisect_right(self.times, t_ns)
-        return self.times[k : k + 1]
+    def next_after(self, t_ns: int, names: frozenset[str]) -> list[int]:
+        """Return the first time after ``t_ns`` at which one of some kinds has rows, if there is one."""
+        later = self.times[bisect_right(self.times, t_ns) :]
+        return next(([t] for t in later if names & self.names[t]), [])
 
     def names_at(self, t_ns: int) -> set[str]:
         """Return the kinds that have rows at a time."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -71,7 +72,7 @@ class Measurement(Protocol):
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``), unless its method ``repeats(t_ns)`` says that they repeat those before.
     - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
-      opened: readings refused one after the other let the state be estimated anew (``own_rows.steps``).
+      opened: readings refused one after the other let it be estimated anew (``own_rows.steps``). One row a time.
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
@@ -132,6 +133,10 @@ class OwnMeasurements:
         """The names of all kinds, in a sentence."""
         return ", ".join(kind.name for kind in self.kinds)
 
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset(kind.name for kind in self.kinds)
+
     @property
     def headings(self) -> tuple[Kind, ...]:
         """The kinds that give the heading."""
@@ -154,7 +159,9 @@ class OwnMeasurements:
         """Return those of the times that measurements have listed."""
         first, last = np.searchsorted(self.times_ns, [after_ns, until_ns], side="right")
         known = [int(t) for t in self.times_ns[first:last]]
-        live = self.arrived.due(after_ns, until_ns)
+        live = [
+            t_ns for t_ns in self.arrived.due(after_ns, until_ns) if self._names & self.arrived.names_at(t_ns)
+        ]
         return sorted({*known, *live}) if live else known
 
     def at(self, t_ns: int) -> list[Kind]:
@@ -166,7 +173,7 @@ class OwnMeasurements:
         """Return the epoch after those that come before the next rows: after ``epoch``, ``last`` at most."""
         now_ns = int(epoch_ns[epoch])
         k = int(np.searchsorted(self.times_ns, now_ns, side="right"))
-        following = [int(t) for t in self.times_ns[k : k + 1]] + self.arrived.next_after(now_ns)
+        following = [int(t) for t in self.times_ns[k : k + 1]] + self.arrived.next_after(now_ns, self._names)
         following += [_next_tick(now_ns, each) for each in self.periods_ns]
         if not following:
             return last
@@ -194,7 +201,8 @@ def own_measurements(
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
         positive; a setting is not of its type; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands
-        beside ``period_ns``; more than 8 kinds are watched, carry or step; not a list
+        beside ``period_ns``; more than 8 kinds are watched or tell the heading, carry, or step; not a
+        list
     """
     given: Any = measurements
     if not isinstance(given, Sequence):

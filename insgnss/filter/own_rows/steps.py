@@ -2,13 +2,13 @@
 
 A window that opens moves the pressure at a barometer's port by a hectopascal, 8 m of height, for as long as it is open.
 The gate refuses such readings while the filter's prediction is good. In an outage the prediction becomes vague within
-seconds, until the gate takes them and the step passes for motion. No vehicle moves that way: readings far off, one
-after the other, show that the sensor's error has stepped. Its state o gets the variance of such a step,
+seconds, until the gate takes them and the step passes for motion. A vehicle would not produce this: several readings in
+a row far off show that the sensor's error has stepped. Its state o gets the variance of such a step,
 
     P_oo <- P_oo + (y / h)^2,    y the innovation, h the row's partial by o,
 
 so that the next reading sets o and leaves the rest of the filter as it is. What was known of o before is lost. A single
-outlier is refused as any other.
+outlier is gated as before.
 """
 
 from __future__ import annotations
@@ -50,16 +50,15 @@ def open_steps(
     entries : the leading hypothesis' entries of a time
     rows : of each hypothesis, by its place in the bank, in the order of the entries
     """
-    steps = []
-    for j, entry in enumerate(entries):
-        kind = next(iter(rows.values()))[j][0]
+    steps, kinds = [], [kind for kind, _ in next(iter(rows.values()))]
+    for j, (kind, entry) in enumerate(zip(kinds, entries, strict=True)):
         if not (kind.steps and _is_refused_again(bank.head[0], kind, entry, t_ns)):
             continue
         place = int(layout[kind.steps].columns.start)
         for i, of_member in rows.items():
             row = of_member[j][1]
-            if math.isfinite(row.innovation):
-                partial = float(row.h[row.columns == place][0])
+            partial = float(row.h[row.columns == place].sum())
+            if math.isfinite(row.innovation) and partial != 0.0:
                 bank.P[i, place, place] += (row.innovation / partial) ** 2
         steps.append(ErrorStep(place, _in_words(kind, entry)))
     return tuple(steps)
@@ -83,8 +82,8 @@ def _is_refused_again(head: HeadRecord, kind: Kind, entry: OwnEntry, t_ns: int) 
 
 def _in_words(kind: Kind, entry: OwnEntry) -> Event:
     detail = (
-        f"'{kind.name}' is off by {abs(entry.innovation):.3g} {kind.unit} ({math.sqrt(entry.nis):.0f} sigma), reading"
-        f" after reading: its own error has stepped; {kind.steps} is estimated anew"
+        f"several readings of '{kind.name}' in a row are off, the last by {abs(entry.innovation):.3g} {kind.unit}"
+        f" ({math.sqrt(entry.nis):.0f} sigma): its own error has stepped; {kind.steps} is re-estimated"
     )
     look = f"; look for: {kind.hint}" if kind.hint else ""
     return Event(entry.t_ns, "sensor_stepped", detail + look)

@@ -84,8 +84,8 @@ def keep(bank: Bank, work: EpochWorkspace, layout: Layout, **told: Any) -> Filte
 def keep_own(bank: Bank, update: OwnUpdate, *, linked: bool, fits: bool) -> FilteredEpoch:
     """Return the filter as a user's own rows have left it."""
     alone, clone = one_hypothesis(bank.state, bank.P, bank.head), np.zeros((0, 0))
-    step = update.correction.copy()
-    return FilteredEpoch(alone, step, clone, linked, update.stepped, fits=fits, is_own=True)
+    correction = update.correction.copy()
+    return FilteredEpoch(alone, correction, clone, linked, update.stepped, fits=fits, is_own=True)
 
 
 def kept_as_opened(bank: Bank) -> FilteredEpoch:

@@ -65,7 +65,7 @@ _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has
 
 @dataclass
 class StartValidation:
-    """The alternatives to a given start and their likelihoods."""
+    """The alternatives to a given start, or to a sensor's heading, and their likelihoods."""
 
     setup: FilterSetup  # of the alternatives
     headings: tuple[Kind, ...] = ()  # the sensors that they do not use
@@ -95,6 +95,11 @@ class StartValidation:
         twin.bank = None if self.bank is None else copy_bank(self.bank)
         return twin
 
+    @property
+    def waits(self) -> bool:
+        """Whether no sensor has given a heading yet."""
+        return not self.is_given and self.bank is None
+
     def log_probability(self) -> float:
         """Return the logarithm of the given attitude's probability, all who have come to it; 0 before the trial."""
         if self.bank is None or self.settling:
@@ -117,10 +122,10 @@ class StartValidation:
         if t_ns < self.look_ns:
             return None
         self.look_ns = t_ns + _PERIOD_NS
-        self.since_ns = self.since_ns or t_ns
         if not self.is_given and len(bank.state) != max(self.n_given, 1):
             self.over = self.bank is not None  # before, the sensor has not decided yet
             return None
+        self.since_ns = self.since_ns or t_ns
         if self.bank is None:
             self._open(bank, imu, rows, epoch, parameters)
             return None
@@ -236,9 +241,9 @@ class StartValidation:
 
 
 def validation(setup: FilterSetup, *, is_given: bool) -> StartValidation | None:
-    """Return the validation of a filter that has started: of a given start or of a sensor's heading; None without both.
+    """Return the validation of a filter that has started: of a given start or of a sensor's heading; None of neither.
 
-    Where several antennas measure the attitude, they are its witness.
+    Where several antennas measure the attitude, they check it.
     """
     own = setup.own
     headings = () if own is None else own.headings
@@ -268,7 +273,8 @@ def refusal(trial: StartValidation, t_ns: int, was: Bank, now: Bank) -> Event:
         f"the measurements contradict {contradicted}: roll, pitch, yaw ({before}) deg become ({after}) deg, with"
         f" {'one heading' if n == 1 else f'{n} headings'} open"
     )
-    return Event(t_ns, "restart", f"{detail}; {refuted} is not used until it agrees" if names else detail)
+    until = " is not used until it agrees" if len(names) == 1 else " are not used until they agree"
+    return Event(t_ns, "restart", f"{detail}; {refuted}{until}" if names else detail)
 
 
 def _heading_sigmas(bank: Bank) -> Float64:
