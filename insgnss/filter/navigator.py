@@ -203,9 +203,8 @@ class Navigator:
         """Handle the stop of the compiled loop, and update the validation of the start with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
         if code == LOCKOUT and trial.log_probability() < _DOUBTED:
-            self._refuse_start(
-                t_ns, trial.end_with_alternatives()
-            )  # rather than set right what is not worth it
+            # rather than set right what is not worth it
+            self._refuse_start(t_ns, trial.end_with_alternatives())
             return
         assert self.bank is not None
         if not trial.waits:

@@ -47,9 +47,8 @@ def _frozen(source: SensorMeasurement[Any], readings: Readings, entries: Sequenc
     """
     # of several rows of a time the last one represents all
     last = {e.t_ns: e for e in entries if np.isfinite(e.innovation) and e.variance > 0.0}
-    same = (readings.values[1:] == readings.values[:-1]).all(axis=1)
     events = []
-    for a, b in stretches_of(same).tolist():
+    for a, b in stretches_of(readings.same).tolist():
         t = readings.times_ns[a : b + 1]
         found = [last[t_ns] for t_ns in t.tolist() if t_ns in last]
         if t[-1] - t[0] < _FROZEN_S * NS_PER_S or len(found) < _FROZEN_READINGS:

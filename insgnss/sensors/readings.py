@@ -12,7 +12,7 @@ import numpy as np
 
 from insgnss.config.sensors import Sensor
 from insgnss.constants import NS_PER_S
-from insgnss.tables import Float64, Int64, SensorTable
+from insgnss.tables import Bool, Float64, Int64, SensorTable
 
 _JITTER: Final = 0.8  # of ``interval_s`` that has to pass
 
@@ -41,13 +41,16 @@ class Readings:
         return Reading(self.values[k], self.sigma[k], float(self.weight[k]))
 
     @cached_property
+    def same(self) -> Bool:
+        """Of each reading but the first, whether it equals the one before to the bit (n - 1,)."""
+        now, before = self.values[1:], self.values[:-1]
+        return np.asarray(((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1))
+
+    @cached_property
     def _run_starts(self) -> Int64:
         """Index of the first of the equal readings in a row to which each belongs (n,)."""
-        n = len(self.values)
-        starts = np.arange(n, dtype=np.int64)
-        now, before = self.values[1:], self.values[:-1]
-        same = ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
-        starts[1:][same] = 0
+        starts = np.arange(len(self.values), dtype=np.int64)
+        starts[1:][self.same] = 0
         return np.maximum.accumulate(starts)
 
     def repeated(self, t_ns: int) -> tuple[Float64, Float64 | None] | None:
