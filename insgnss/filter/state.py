@@ -35,9 +35,8 @@ N_PATTERNS: Final = 4
 N_OF_SATELLITE: Final = 2  # slow errors of each satellite: of its message, and of its reflection
 MAX_SLOW: Final = N_PATTERNS + N_OF_SATELLITE * MAX_RANGE_BIASES  # each satellite's after those of the sky
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
-MAX_WATCHED: Final = (
-    8  # kinds of own rows that are watched for contradictions, that carry the filter, and whose errors step
-)
+# kinds of own rows that may be left out, that carry the filter, and whose errors step
+MAX_WATCHED: Final = 16
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands

@@ -150,7 +150,7 @@ def test_more_watched_measurements_than_there_is_room_for_are_an_error() -> None
         SimpleNamespace(name=name, period_ns=NS_PER_S, rows=lambda state, layout: (), watched=True)
         for name in names
     ]
-    with pytest.raises(MeasurementError, match="9 measurements have 'watched' or 'tells_heading' set"):
+    with pytest.raises(MeasurementError, match=f"{MAX_WATCHED + 1} measurements have 'watched' or 'tells_heading' set"):
         own_measurements(kinds)
     own = own_measurements(kinds[:MAX_WATCHED])
     assert own is not None and [kind.watch for kind in own.kinds] == list(range(MAX_WATCHED))

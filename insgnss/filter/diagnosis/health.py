@@ -33,6 +33,7 @@ from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_word
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import DONE, SUSPICION, current_sample
 from insgnss.filter.output.writing import Output
+from insgnss.filter.own_rows.contradiction import leave_out
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
@@ -135,6 +136,8 @@ class FilterHealth:
             return Remedy(bank, self._told(event))
         verdict.bank.head[:] = bank.head
         verdict.bank.head["renewed_ns"] = t_ns
+        if self.setup.own is not None:
+            leave_out(verdict.bank.head[0], [k for k in self.setup.own.kinds if k.name in verdict.kinds])
         self.doubt = None
         if verdict.suspect in SENSORS:
             par, db2 = parameters[0], sum(moved * moved for moved in verdict.moved)

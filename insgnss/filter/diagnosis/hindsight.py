@@ -97,6 +97,7 @@ class Verdict(NamedTuple):
     later_s: float = 0.0  # by which it may be at most
     axes: tuple[int, ...] = ()  # of the sensor
     moved: tuple[float, ...] = ()  # (3,) by which its biases jumped [rad/s] or [m/s^2]
+    kinds: tuple[str, ...] = ()  # of own rows
 
 
 class Hindsight:

@@ -21,6 +21,7 @@ from insgnss.tables import Float64
 EITHER = "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
 RATES = "range rates"  # of all satellites
+FURTHER_SENSOR = "further sensor"
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 # the same of a few samples of the accelerometers: a spike, or a shock beyond their bandwidth; a tilt that changes at

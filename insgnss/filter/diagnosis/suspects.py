@@ -2,7 +2,7 @@
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
-some instant on; without satellites that may run away; with time tags that are off. Each explanation has a prior and a
+some instant on; without satellites that may run away; with time tags that are off; with further sensors less accurate than they say. Each explanation has a prior and a
 likelihood, integrated over what it does not know (onset, size, axis, rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
@@ -28,11 +28,13 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.further_sensors import inaccurate_sensors, without_sensor
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
+    FURTHER_SENSOR,
     GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
@@ -75,13 +77,13 @@ class Explanation(NamedTuple):
 
 
 def explanations(results: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
-    """Return the explanations of the last minute, the likeliest first, each set of satellites or axes one."""
-    of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
+    """Return the explanations of the last minute, the likeliest first, each set of satellites, axes or kinds one."""
+    of: dict[tuple[str, tuple[int, ...], tuple[int, ...], tuple[str, ...]], list[Verdict]] = defaultdict(list)
     for verdict in results:
         if math.isfinite(verdict.log_likelihood):
-            of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
+            of[verdict.suspect, verdict.satellites, verdict.axes, verdict.kinds].append(verdict)
     ranked = []
-    for (suspect, satellites, axes), verdicts in of.items():
+    for (suspect, satellites, axes, _), verdicts in of.items():
         large = suspect in _LARGE_LIES
         prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
         verdicts.sort(key=_unknown)
@@ -194,11 +196,12 @@ def every_fault(again: Hindsight) -> list[Verdict]:
     jumps = [each for each in (ACCELEROMETER, GYRO) if bias_of(each, again.setup)[2].sigma > 0.0]
     with ThreadPoolExecutor(again.setup.threads) as pool:
         sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
-        tags = [
-            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_tags, other_imu_tags)
+        others = [
+            pool.submit(list[Verdict], verdicts_of(again))
+            for verdicts_of in (other_tags, other_imu_tags, inaccurate_sensors)
         ]
         satellites = again.without_satellites(pool)
-    return [*_results(sensors), *satellites, *_results(tags)]
+    return [*_results(sensors), *satellites, *_results(others)]
 
 
 def _results(running: list[Future[list[Verdict]]]) -> Iterator[Verdict]:
@@ -219,7 +222,7 @@ def judge(
     if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
-    if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > SURE:
+    if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = ranking[0], past.suspected
     excused = _is_excused(ranking, past, again)
@@ -230,16 +233,23 @@ def judge(
     likely = [each for each in ranking if each.log_odds > first.log_odds - SURE]
     chosen = shared(likely)
     if chosen is not None and chosen.best.fits and _is_shown(_with(chosen, ranking), ranking, before):
-        verdict = again.to_the_end(over_onsets(with_sound_axes(chosen, again), setup.layout))
+        verdict = _filter_of(chosen, again)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
+        return verdict, past.after_verdict(chosen.suspect not in (GNSS_TAGS, IMU_TAGS))
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
     either = explanations(again.either([each.best for each in likely]), again.as_it_was)
     verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
+
+
+def _filter_of(chosen: Explanation, again: Hindsight) -> Verdict | None:
+    """Return the verdict of an explanation with the filter that knew of it in time, at the last epoch."""
+    if chosen.suspect == FURTHER_SENSOR:
+        return without_sensor(again, chosen.best)
+    return again.to_the_end(over_onsets(with_sound_axes(chosen, again), again.setup.layout))
 
 
 def _is_shown(of: list[Explanation], ranking: list[Explanation], before: frozenset[str | int]) -> bool:
@@ -252,9 +262,11 @@ def _is_shown(of: list[Explanation], ranking: list[Explanation], before: frozens
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:
-    """Return the failed part of an explanation: the inertial sensors, satellites, time tags."""
+    """Return the failed part of an explanation: the inertial sensors, satellites, further sensors, tags."""
     if explanation.suspect == SATELLITES:
         return frozenset(explanation.best.satellites)
+    if explanation.suspect == FURTHER_SENSOR:
+        return frozenset(explanation.best.kinds)
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
@@ -270,7 +282,7 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
-    late = first.suspect in (*SENSORS, SATELLITES, RATES) and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect in (*SENSORS, SATELLITES, RATES, FURTHER_SENSOR) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 
@@ -286,5 +298,6 @@ def _with(chosen: Explanation, ranking: list[Explanation]) -> list[Explanation]:
     return [each for each in ranking if _parts(chosen.best) <= _parts(each.best)]
 
 
-def _parts(verdict: Verdict) -> frozenset[tuple[str, int]]:
-    return frozenset((verdict.suspect, part) for part in verdict.satellites or verdict.axes or (0,))
+def _parts(verdict: Verdict) -> frozenset[tuple[str, int | str]]:
+    parts = verdict.satellites or verdict.axes or verdict.kinds or (0,)
+    return frozenset((verdict.suspect, part) for part in parts)

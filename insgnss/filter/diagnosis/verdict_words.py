@@ -12,6 +12,7 @@ from insgnss.filter.diagnosis.hindsight import Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO
 from insgnss.filter.diagnosis.supposed_faults import (
     EITHER,
+    FURTHER_SENSOR,
     GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
@@ -49,6 +50,13 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " the last minute recomputed"
         )
         return Event(t_ns, "kind_refused", detail)
+    if verdict.suspect == FURTHER_SENSOR:
+        detail = (
+            f"'{verdict.kinds[0]}' contradicts the satellites and the inertial sensors: its errors are"
+            f" {math.sqrt(verdict.size):.0f} times as large as its sigma, or more; the last minute is recomputed without"
+            " it, and it is not used until it agrees; look for: its time, unit, sign, axes and sigma"
+        )
+        return Event(t_ns, "rows_contradict", detail)
     if verdict.suspect in (LAPSE, SHOCK):
         detail = "an inertial sensor was wrong for a moment: attitude, velocity and position are re-estimated"
         return Event(t_ns, "sensor_suspect", detail)

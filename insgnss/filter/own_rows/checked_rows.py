@@ -69,7 +69,12 @@ def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[
         raise MeasurementError(
             _at(kind, state.t_ns, f"rows() failed with {message}"), advice=advice
         ) from error
-    return [_checked_row(kind, state.t_ns, row, layout) for row in rows]
+    checked = [_checked_row(kind, state.t_ns, row, layout) for row in rows]
+    return [_widened(row, kind.widened2) for row in checked] if kind.widened2 != 1.0 else checked
+
+
+def _widened(row: CheckedRow, factor2: float) -> CheckedRow:
+    return row._replace(variance=factor2 * row.variance, single_variance=factor2 * row.single_variance)
 
 
 def _is_row(given: object) -> bool:

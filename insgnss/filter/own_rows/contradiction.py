@@ -84,7 +84,7 @@ def watch(
         shows = off2 / _SHOWS2
         if contradicts[at]:
             contradicts[at], reach[at] = int(mean[at] > _AGREES), max(limit, shows)
-        elif mean[at] > _CONTRADICTS and not kind.tells_heading:
+        elif mean[at] > _CONTRADICTS and kind.watched and not kind.tells_heading:
             contradicts[at] = 1
             reach[at] = max(_AS_GOOD * variance, shows) if _is_supported(head, t_ns) else math.inf
 
@@ -100,10 +100,18 @@ def refute(head: HeadRecord, kinds: Sequence[Kind], refuted: HeadRecord, *, is_g
     if not agreed and not is_given:
         agreed = {kind.name for kind in kinds}
     for kind in kinds:
-        at, is_refuted = kind.watch, kind.name in agreed
-        head.own_contradicts[at], head.own_nis[at] = int(is_refuted), _MOST if is_refuted else 1.0
+        at = kind.watch
+        head.own_contradicts[at], head.own_nis[at] = 0, 1.0
         head.own_reach[at], head.own_nis_ns[at] = 0.0, last_ns[at]
+    leave_out(head, [kind for kind in kinds if kind.name in agreed])
     return sorted(agreed)
+
+
+def leave_out(head: HeadRecord, kinds: Iterable[Kind]) -> None:
+    """Leave out kinds until they agree, which counts while the prediction is as good as a reading."""
+    for kind in kinds:
+        at = kind.watch
+        head.own_contradicts[at], head.own_nis[at], head.own_reach[at] = 1, _MOST, 0.0
 
 
 def _is_supported(head: HeadRecord, t_ns: int) -> bool:

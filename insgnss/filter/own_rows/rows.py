@@ -108,7 +108,8 @@ class Kind:
     gate2: float | None  # squared; None: that of the pseudoranges; infinite: no gate
     unit: str
     period_ns: int = 0  # of ticks without end; 0: none
-    watch: int = NOT_WATCHED  # its place among those that are watched
+    watched: bool = False  # not used while its rows contradict everything else
+    watch: int = NOT_WATCHED  # its place among those that may be left out
     carrying: int = NOT_CARRYING  # its place among those that carry the filter
     tells_heading: bool = False  # a heading that is to be validated
     steps: str = ""  # its state whose value may step
@@ -117,6 +118,7 @@ class Kind:
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
     at_gps_time: bool = False  # rather than at the IMU's tags
+    widened2: float = 1.0  # by which the variances of its rows are supposed to be larger
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,11 @@ class OwnMeasurements:
         """Return the measurements without some kinds; those that come live are shared."""
         names = {kind.name for kind in kinds}
         return _on_one_line(tuple(kind for kind in self.kinds if kind.name not in names), self.arrived)
+
+    def widened(self, kind: Kind, factor2: float) -> OwnMeasurements:
+        """Return the measurements with variances of the rows of a kind that are ``factor2`` times as large."""
+        wide = replace(kind, widened2=factor2)
+        return replace(self, kinds=tuple(wide if each is kind else each for each in self.kinds))
 
     def due(self, after_ns: int, until_ns: int) -> list[int]:
         """Return the times after ``after_ns``, up to ``until_ns``."""
@@ -219,10 +226,13 @@ def own_measurements(
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     wishes = ("watched", "tells_heading"), ("carrying",), ("steps",)
     watched, carrying, stepping = (_places(kinds, *each) for each in wishes)
+    # what places are left go to the others: they are left out only where a look back finds them wrong
+    others = [kind.name for kind in kinds if kind.name not in watched]
+    leaving = {name: place for place, name in enumerate([*watched, *others][:MAX_WATCHED])}
     kinds = tuple(
         replace(
             kind,
-            watch=watched.get(kind.name, NOT_WATCHED),
+            watch=leaving.get(kind.name, NOT_WATCHED),
             carrying=carrying.get(kind.name, NOT_CARRYING),
             stepping=stepping.get(kind.name, NOT_STEPPING),
         )
@@ -267,7 +277,9 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
     _check_settings(name, source)
     unit, hint, steps = (getattr(source, key, "") for key in ("unit", "hint", "steps"))
-    together, tells_heading = (bool(getattr(source, key, False)) for key in ("together", "tells_heading"))
+    watched, together, tells_heading = (
+        bool(getattr(source, key, False)) for key in ("watched", "together", "tells_heading")
+    )
     period_ns = _checked_period(name, source)
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
     unlikely = getattr(source, "unlikely", None)
@@ -280,6 +292,7 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         gate2,
         unit,
         period_ns,
+        watched=watched,
         tells_heading=tells_heading,
         steps=steps,
         unlikely=unlikely,
