@@ -23,7 +23,8 @@ from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.output.further_columns import COVARIANCES, POINT, POINT_COVARIANCES, QUATERNION
 from insgnss.filter.output.total_sigmas import SLOW_COLUMNS
 from insgnss.filter.output.writing import NAV_COLUMNS
-from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
+from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_RANGE_BIASES

@@ -172,7 +172,7 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
-    # largest variance of a prediction that may be agreed with; 0: that of a reading
+    # largest variance of a prediction that may be agreed with; 0: that of a reading; -1: none
     own_reach: Annotated[Float64, MAX_WATCHED]
     own_refused: Annotated[Int64, MAX_WATCHED]  # readings refused in a row, of a sensor whose error may step
     own_refused_ns: Annotated[Int64, MAX_WATCHED]  # when the first of them came

@@ -40,7 +40,7 @@ class PositionMeasurement(SensorMeasurement[PositionSensor]):
 
         At rest a receiver may hold its position; there a repeat shows that the vehicle stands.
         """
-        repeated = self.repeated(t_ns)
+        repeated = self.readings.repeated(t_ns)
         if repeated is None or repeated[1] is None:
             return False
         here, before = (fix_ecef(value, 0.0) for value in (repeated[0], repeated[1]))
@@ -77,7 +77,7 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
 
     def repeats(self, t_ns: int) -> bool:
         """Return whether a velocity other than zero repeats the one before."""
-        repeated = self.repeated(t_ns)
+        repeated = self.readings.repeated(t_ns)
         return repeated is not None and bool(np.nan_to_num(repeated[0]).any())
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:

@@ -43,8 +43,7 @@ class Readings:
     @cached_property
     def same(self) -> Bool:
         """Of each reading but the first, whether it equals the one before to the bit (n - 1,)."""
-        now, before = self.values[1:], self.values[:-1]
-        return np.asarray(((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1))
+        return _equal(self.values[1:], self.values[:-1])
 
     @cached_property
     def _run_starts(self) -> Int64:
@@ -60,6 +59,11 @@ class Readings:
         if first == k:
             return None
         return self.values[k], self.values[first - 1] if first else None
+
+
+def _equal(now: Float64, before: Float64) -> Bool:
+    """Return whether readings (..., k) are equal to the bit; one that is missing in both is."""
+    return np.asarray(((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=-1))
 
 
 def weight_after(config: Sensor, before_ns: int | None, t_ns: int) -> float:
@@ -114,6 +118,19 @@ class LiveReadings:
         k = bisect_left(self.times, t_ns)
         before = self.times[k - 1] if k else None
         return Reading(*self.found[t_ns], weight_after(self.config, before, t_ns))
+
+    def repeated(self, t_ns: int) -> tuple[Float64, Float64 | None] | None:
+        """Return what the reading of a time repeats, as ``Readings.repeated``."""
+        k = first = bisect_left(self.times, t_ns)
+        value = self._values(k)
+        while first > 0 and _equal(value, self._values(first - 1)):
+            first -= 1
+        if first == k:
+            return None
+        return value, self._values(first - 1) if first else None
+
+    def _values(self, k: int) -> Float64:
+        return self.found[self.times[k]][0]
 
     def forget_before(self, t_ns: int) -> None:
         """Forget the readings before a time."""

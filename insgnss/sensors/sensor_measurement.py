@@ -101,9 +101,9 @@ class SensorMeasurement(Generic[Config]):
         """How many sigmas a reading may have."""
         return len(self.config.sigma_columns)
 
-    def repeated(self, t_ns: int) -> tuple[Float64, Float64 | None] | None:
-        """Return what the reading of a time repeats, as ``Readings.repeated``; None of readings that come live."""
-        return self.readings.repeated(t_ns) if isinstance(self.readings, Readings) else None
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether the reading of a time equals the one before to the bit."""
+        return self.readings.repeated(t_ns) is not None
 
     def states(self) -> tuple[StateBlock, ...]:
         """Return the sensor's errors that stay, as states of the filter."""

@@ -12,7 +12,7 @@ import pytest
 import insgnss
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
-from insgnss.filter.own_rows.rows import own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.smoother import Smoother

@@ -12,8 +12,9 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import MeasurementError
 from insgnss.filter.layout_names import StatePlace
 from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Kind, own_measurements
+from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.own_rows.steps import open_steps
 from insgnss.filter.state import DR, Bank, joined_banks
 from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED

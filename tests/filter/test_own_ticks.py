@@ -13,8 +13,8 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import MeasurementError
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.contradiction import changes, contradicting, watch
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
-from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import LONGEST_WINDOW_S, state_estimate
 from insgnss.filter.own_update import use_own_rows
 from insgnss.filter.prediction import ImuSamples, new_scratch
@@ -150,7 +150,9 @@ def test_more_watched_measurements_than_there_is_room_for_are_an_error() -> None
         SimpleNamespace(name=name, period_ns=NS_PER_S, rows=lambda state, layout: (), watched=True)
         for name in names
     ]
-    with pytest.raises(MeasurementError, match=f"{MAX_WATCHED + 1} measurements have 'watched' or 'tells_heading' set"):
+    with pytest.raises(
+        MeasurementError, match=f"{MAX_WATCHED + 1} measurements have 'watched' or 'tells_heading' set"
+    ):
         own_measurements(kinds)
     own = own_measurements(kinds[:MAX_WATCHED])
     assert own is not None and [kind.watch for kind in own.kinds] == list(range(MAX_WATCHED))

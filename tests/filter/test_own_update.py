@@ -17,7 +17,8 @@ from insgnss.filter.headings.heading_bank import add_to_state, difference
 from insgnss.filter.layout import Layout
 from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.own_rows.checked_rows import checked_rows
-from insgnss.filter.own_rows.rows import BUILT_IN, Measurement, own_measurements
+from insgnss.filter.own_rows.declared import BUILT_IN, own_measurements
+from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.own_update import OwnUpdate, use_own_rows
 from insgnss.filter.prediction import ImuSamples, new_scratch

@@ -16,7 +16,8 @@ from insgnss.filter.headings.heading_bank import set_attitude
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.own_rows.checked_rows import CheckedRow
-from insgnss.filter.own_rows.rows import Measurement, Row, own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
+from insgnss.filter.own_rows.rows import Measurement, Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.receiver_time import rows_at_their_time, turn_to_gps_time
 from insgnss.filter.rows.lines import ANTENNA_DTYPE

@@ -13,7 +13,7 @@ import pytest
 import insgnss
 from insgnss.errors import ConfigError, MeasurementError
 from insgnss.filter.layout import Layout
-from insgnss.filter.own_rows.rows import own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
 
 FLIGHT = Path("data/sample_flight/flight.toml")
 NAN, INF = math.nan, math.inf

@@ -15,8 +15,9 @@ import insgnss
 from insgnss.config.flight import GivenStart
 from insgnss.config.library import filter_config
 from insgnss.errors import MeasurementError
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_blocks
 from insgnss.gpstime import week_seconds_to_ns

@@ -286,6 +286,19 @@ def test_live_readings_are_those_of_the_log() -> None:
         assert str(live.at(t_ns)) == str(found.at(t_ns))
 
 
+def test_live_readings_repeat_where_those_of_the_log_do() -> None:
+    config = sensor("velocity")
+    table = table_of([0.0, 1.0, 2.0, 3.0, 4.0])
+    values = np.array([[1.0, np.nan], [1.0, np.nan], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    table, live = dataclasses.replace(table, values=values, sigma=np.full((5, 2), np.nan)), LiveReadings(config)
+    for t_ns, value in zip(table.t_ns.tolist(), values, strict=True):
+        live.add(t_ns, value, np.full(2, np.nan))
+    found = readings_of(config, table)
+    repeated = [live.repeated(t_ns) for t_ns in live.times]
+    assert str(repeated) == str([found.repeated(t_ns) for t_ns in live.times])
+    assert [each is None for each in repeated] == [True, False, True, False, False]
+
+
 @pytest.mark.parametrize(("axes", "sigma"), [("ned", (0.1, 0.2, 0.3)), ("enu", (0.2, 0.1, 0.3))])
 def test_sigmas_of_the_flight_file_go_along_the_axes_of_the_log(
     axes: str, sigma: tuple[float, float, float]

@@ -14,7 +14,7 @@ from insgnss.filter.headings.heading_bank import add_to_state
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.layout_names import state_layout
 from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
-from insgnss.filter.own_rows.rows import own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import BG, OFFSETS, PSI, Bank, new_bank

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.filter.own_rows.rows import own_measurements
+from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.runs.result import Run
 from insgnss.sensors.attitude_fixes import AttitudeMeasurement
 from insgnss.sensors.readings import LiveReadings
@@ -85,6 +86,15 @@ def test_sensor_that_was_refuted_is_used_again_once_it_agrees() -> None:
     assert "rows_agree" in kinds(run)
     late = run.measurements.query("kind == 'heading' and time_s > @START_S + 100.0")
     assert (late["status"] == "used").all() and len(late) > 15
+
+
+def test_frozen_sensor_does_not_agree_where_the_vehicle_passes_its_value() -> None:
+    """The car drives along the frozen heading for 20 s; roll and pitch were 8 sigma wrong afterwards."""
+    flight = flown(with_sensors(city_car(), [simulated("attitude", rate_hz=2.0)]), 81)
+    (table,) = flight.logs.sensors
+    frozen = replace(table, values=np.broadcast_to(table.values[len(table.values) // 2], table.values.shape))
+    run = insgnss.replay(replace(flight, logs=replace(flight.logs, sensors=(frozen,))), output=1.0)
+    assert "restart" in kinds(run) and "rows_agree" not in kinds(run)
 
 
 def test_of_two_sensors_the_wrong_one_is_left_out() -> None:

@@ -137,7 +137,8 @@ class FilterHealth:
         verdict.bank.head[:] = bank.head
         verdict.bank.head["renewed_ns"] = t_ns
         if self.setup.own is not None:
-            leave_out(verdict.bank.head[0], [k for k in self.setup.own.kinds if k.name in verdict.kinds])
+            kinds = [kind for kind in self.setup.own.kinds if kind.name in verdict.kinds]
+            leave_out(verdict.bank.head[0], kinds, for_good=verdict.size != 0.0)
         self.doubt = None
         if verdict.suspect in SENSORS:
             par, db2 = parameters[0], sum(moved * moved for moved in verdict.moved)

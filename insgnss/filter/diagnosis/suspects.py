@@ -2,8 +2,9 @@
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
-some instant on; without satellites that may run away; with time tags that are off; with further sensors less accurate than they say. Each explanation has a prior and a
-likelihood, integrated over what it does not know (onset, size, axis, rate), which gives its posterior:
+some instant on; without satellites that may run away; with time tags that are off; with a further sensor less accurate
+than it says. Each explanation has a prior and a likelihood, integrated over what it does not know (onset, size, axis,
+rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
@@ -28,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.further_sensors import inaccurate_sensors, without_sensor
+from insgnss.filter.diagnosis.further_sensors import without_sensor, wrong_sensors
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
@@ -198,7 +199,7 @@ def every_fault(again: Hindsight) -> list[Verdict]:
         sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
         others = [
             pool.submit(list[Verdict], verdicts_of(again))
-            for verdicts_of in (other_tags, other_imu_tags, inaccurate_sensors)
+            for verdicts_of in (other_tags, other_imu_tags, wrong_sensors)
         ]
         satellites = again.without_satellites(pool)
     return [*_results(sensors), *satellites, *_results(others)]
@@ -282,7 +283,9 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
-    late = first.suspect in (*SENSORS, SATELLITES, RATES, FURTHER_SENSOR) and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect in (*SENSORS, SATELLITES, RATES, FURTHER_SENSOR) and past.tags_were_off(
+        _TAGS_LAST_NS
+    )
     return noise or late or (few and first.suspect in SENSORS)
 
 

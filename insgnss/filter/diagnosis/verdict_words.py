@@ -51,10 +51,15 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         )
         return Event(t_ns, "kind_refused", detail)
     if verdict.suspect == FURTHER_SENSOR:
+        late = f"its readings come {abs(verdict.size):.1f} s {'late' if verdict.size > 0.0 else 'early'} or about that"
+        what, until = (
+            (late, "any more")
+            if verdict.size
+            else ("its errors are larger than its sigma", "until it agrees")
+        )
         detail = (
-            f"'{verdict.kinds[0]}' contradicts the satellites and the inertial sensors: its errors are"
-            f" {math.sqrt(verdict.size):.0f} times as large as its sigma, or more; the last minute is recomputed without"
-            " it, and it is not used until it agrees; look for: its time, unit, sign, axes and sigma"
+            f"'{verdict.kinds[0]}' contradicts the satellites and the inertial sensors: {what}; the last minute is"
+            f" recomputed without it, and it is not used {until}; look for: its time, unit, sign, axes and sigma"
         )
         return Event(t_ns, "rows_contradict", detail)
     if verdict.suspect in (LAPSE, SHOCK):

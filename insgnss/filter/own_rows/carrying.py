@@ -57,7 +57,7 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
     ----------
     members : the entries of each hypothesis, by its place in the bank
     """
-    carrying = [kind for kind in kinds if kind.carrying != NOT_CARRYING and not _repeats(kind, t_ns)]
+    carrying = [kind for kind in kinds if kind.carrying != NOT_CARRYING and not kind.repeats(t_ns)]
     head = bank.head[0]
     for kind in carrying:
         at = kind.carrying
@@ -76,12 +76,6 @@ def doubt_filter(bank: Bank, kinds: Iterable[Kind], members: Mapping[int, list[O
         head.inertial_noise[at] = min(max(head.inertial_noise[at] + risen, 0.0), _MOST_NOISE)
     if carrying:
         bank.state["noise_excess"] = math.expm1(2.0 * float(head.inertial_noise.max()))
-
-
-def _repeats(kind: Kind, t_ns: int) -> bool:
-    """Return whether a fix only repeats the one before, and so is not evidence."""
-    repeats = getattr(kind.source, "repeats", None)
-    return repeats is not None and bool(repeats(t_ns))
 
 
 class _Against(NamedTuple):

@@ -6,6 +6,7 @@ import difflib
 import functools
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -60,6 +61,8 @@ def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[
     ------
     MeasurementError : its code raised an exception, or a row is not one
     """
+    if kind.late_ns:
+        state = replace(state, t_ns=state.t_ns + kind.late_ns)
     try:
         given = kind.source.rows(state, layout)
         rows = [given] if _is_row(given) else list(given)

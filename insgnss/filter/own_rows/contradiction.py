@@ -77,7 +77,7 @@ def watch(
         step_s = min((t_ns - before_ns) * 1e-9, _LONGEST_STEP_S) if before_ns else 1.0
         last_ns[at] = t_ns
         limit = reach[at] or own
-        if contradicts[at] and variance > limit:
+        if contradicts[at] and (variance > limit or kind.repeats(t_ns)):
             continue
         share = 1.0 - math.exp(-step_s / _MEMORY_S)
         mean[at] += share * (nis - mean[at])
@@ -107,11 +107,11 @@ def refute(head: HeadRecord, kinds: Sequence[Kind], refuted: HeadRecord, *, is_g
     return sorted(agreed)
 
 
-def leave_out(head: HeadRecord, kinds: Iterable[Kind]) -> None:
-    """Leave out kinds until they agree, which counts while the prediction is as good as a reading."""
+def leave_out(head: HeadRecord, kinds: Iterable[Kind], *, for_good: bool = False) -> None:
+    """Leave out kinds until they agree, which counts while the prediction is as good as a reading, or for good."""
     for kind in kinds:
         at = kind.watch
-        head.own_contradicts[at], head.own_nis[at], head.own_reach[at] = 1, _MOST, 0.0
+        head.own_contradicts[at], head.own_nis[at], head.own_reach[at] = 1, _MOST, -1.0 if for_good else 0.0
 
 
 def _is_supported(head: HeadRecord, t_ns: int) -> bool:

@@ -32,6 +32,17 @@ class LiveTimes:
         """Return the kinds that have rows at a time."""
         return self.names.get(t_ns, set())
 
+    def late(self, name: str, late_ns: int, after_ns: int, until_ns: int) -> LiveTimes:
+        """Return the times with only those of a kind that are within an interval, ``late_ns`` earlier."""
+        others = LiveTimes()
+        for t_ns, names in self.names.items():
+            for each in names:
+                if each != name:
+                    others.add(each, t_ns)
+                elif after_ns < t_ns <= until_ns:
+                    others.add(each, t_ns - late_ns)
+        return others
+
     def forget_before(self, t_ns: int) -> None:
         """Forget the times before ``t_ns``."""
         gone = self.times[: bisect_left(self.times, t_ns)]

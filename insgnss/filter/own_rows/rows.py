@@ -1,4 +1,4 @@
-"""A user's own measurement kind: its interface, and the checks of its rows.
+"""A user's own measurement kinds: their interface, and all of them on one time line.
 
 The signs are those of the package. The error is estimate minus truth, ``C_eb_hat = (I + [psi x]) C_eb``. A row's value
 is measured minus predicted, and its partials are those of the **prediction** by the state, with their plain sign: how
@@ -14,8 +14,7 @@ much the prediction grows when the position, the velocity, a bias grows, or when
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
@@ -23,20 +22,14 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_WEEK
-from insgnss.errors import MeasurementError
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.live_times import LiveTimes
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.filter.state import MAX_WATCHED
 from insgnss.tables import Int64
 
 NOT_WATCHED: Final = -1
 NOT_CARRYING: Final = -1
 NOT_STEPPING: Final = -1
-_SHORTEST_PERIOD_NS: Final = 1_000_000
-# the ledger's other kinds
-BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_difference")
 
 
 class Row(NamedTuple):
@@ -70,7 +63,9 @@ class Measurement(Protocol):
     - ``tells_heading``: True of a sensor that gives the heading, which is validated like a given start: filters without
       the sensor run in parallel until the vehicle has moved.
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
-      (``own_rows.carrying``), unless its method ``repeats(t_ns)`` says that they repeat those before.
+      (``own_rows.carrying``).
+    - ``repeats(t_ns)``: whether the rows of a time only repeat those before. Such rows say nothing against
+      the filter, nor that a kind which was left out agrees again.
     - ``steps``: name of a scalar state of its own whose value may step, as the offset of a barometer where a window is
       opened: readings refused one after the other let it be estimated anew (``own_rows.steps``). One row a time.
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
@@ -118,7 +113,14 @@ class Kind:
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
     at_gps_time: bool = False  # rather than at the IMU's tags
-    widened2: float = 1.0  # by which the variances of its rows are supposed to be larger
+    # what is supposed of it: variances larger by this factor, tags late by this time
+    widened2: float = 1.0
+    late_ns: int = 0
+
+    def repeats(self, t_ns: int) -> bool:
+        """Return whether the rows of a time only repeat those before, and so are not evidence."""
+        repeats = getattr(self.source, "repeats", None)
+        return repeats is not None and bool(repeats(t_ns + self.late_ns))
 
 
 @dataclass(frozen=True)
@@ -147,12 +149,19 @@ class OwnMeasurements:
     def without(self, kinds: Iterable[Kind]) -> OwnMeasurements:
         """Return the measurements without some kinds; those that come live are shared."""
         names = {kind.name for kind in kinds}
-        return _on_one_line(tuple(kind for kind in self.kinds if kind.name not in names), self.arrived)
+        return on_one_line(tuple(kind for kind in self.kinds if kind.name not in names), self.arrived)
 
     def widened(self, kind: Kind, factor2: float) -> OwnMeasurements:
         """Return the measurements with variances of the rows of a kind that are ``factor2`` times as large."""
         wide = replace(kind, widened2=factor2)
         return replace(self, kinds=tuple(wide if each is kind else each for each in self.kinds))
+
+    def late(self, kind: Kind, late_ns: int, after_ns: int, until_ns: int) -> OwnMeasurements:
+        """Return the measurements with the rows of a kind whose tags are in an interval, ``late_ns`` too late."""
+        first, last = np.searchsorted(kind.times_ns, [after_ns, until_ns], side="right")
+        other = replace(kind, times_ns=kind.times_ns[first:last] - late_ns, late_ns=late_ns)
+        kinds = tuple(other if each is kind else each for each in self.kinds)
+        return on_one_line(kinds, self.arrived.late(kind.name, late_ns, after_ns, until_ns))
 
     def due(self, after_ns: int, until_ns: int) -> list[int]:
         """Return the times after ``after_ns``, up to ``until_ns``."""
@@ -187,6 +196,12 @@ class OwnMeasurements:
         return min(int(np.searchsorted(epoch_ns, min(following))), last)
 
 
+def on_one_line(kinds: tuple[Kind, ...], arrived: LiveTimes) -> OwnMeasurements:
+    """Return kinds on one time line with times that have arrived live."""
+    times_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *(kind.times_ns for kind in kinds)]))
+    return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})), arrived)
+
+
 def _next_tick(after_ns: int, period_ns: int) -> int:
     """Return the first whole multiple of a period after a time."""
     return (after_ns // period_ns + 1) * period_ns
@@ -197,189 +212,3 @@ def _has(kind: Kind, t_ns: int) -> bool:
         return t_ns % kind.period_ns == 0
     k = int(np.searchsorted(kind.times_ns, t_ns))
     return k < len(kind.times_ns) and int(kind.times_ns[k]) == t_ns
-
-
-def own_measurements(
-    measurements: Sequence[Measurement], beside: Sequence[Measurement] = ()
-) -> OwnMeasurements | None:
-    """Return a user's measurements checked, behind those that a filter has already; None without any.
-
-    Raises
-    ------
-    MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; a setting is not of its type; ``name``, ``times_ns`` or ``rows`` is missing; ``times_ns`` stands
-        beside ``period_ns``; more than 8 kinds are watched or tell the heading, carry, or step; not a
-        list
-    """
-    given: Any = measurements
-    if not isinstance(given, Sequence):
-        advice = "give a list: measurements=[...]"
-        raise MeasurementError(f"measurements is a {type(given).__name__}, not a list", advice=advice)
-    kinds = tuple(
-        _checked_kind(each, place) for of in (beside, measurements) for place, each in enumerate(of)
-    )
-    if not kinds:
-        return None
-    names = [kind.name for kind in kinds]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
-    wishes = ("watched", "tells_heading"), ("carrying",), ("steps",)
-    watched, carrying, stepping = (_places(kinds, *each) for each in wishes)
-    # what places are left go to the others: they are left out only where a look back finds them wrong
-    others = [kind.name for kind in kinds if kind.name not in watched]
-    leaving = {name: place for place, name in enumerate([*watched, *others][:MAX_WATCHED])}
-    kinds = tuple(
-        replace(
-            kind,
-            watch=leaving.get(kind.name, NOT_WATCHED),
-            carrying=carrying.get(kind.name, NOT_CARRYING),
-            stepping=stepping.get(kind.name, NOT_STEPPING),
-        )
-        for kind in kinds
-    )
-    return _on_one_line(kinds, LiveTimes())
-
-
-def _on_one_line(kinds: tuple[Kind, ...], arrived: LiveTimes) -> OwnMeasurements:
-    times_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *(kind.times_ns for kind in kinds)]))
-    return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})), arrived)
-
-
-def _places(kinds: Iterable[Kind], *wishes: str) -> dict[str, int]:
-    """Return the places of the kinds whose measurement has one of some attributes, True or not empty."""
-    names = [kind.name for kind in kinds if any(getattr(kind.source, wish, False) for wish in wishes)]
-    if len(names) > MAX_WATCHED:
-        named = " or ".join(f"'{wish}'" for wish in wishes)
-        raise MeasurementError(
-            f"{len(names)} measurements have {named} set: {', '.join(names)}",
-            advice=f"at most {MAX_WATCHED} can have it; leave it out for the others",
-        )
-    return {name: place for place, name in enumerate(names)}
-
-
-def _checked_kind(source: Measurement, place: int) -> Kind:
-    wanted = ("name", "rows") if hasattr(source, "period_ns") else ("name", "times_ns", "rows")
-    missing = [name for name in wanted if not hasattr(source, name)]
-    if missing or not callable(source.rows):
-        message = ", ".join(missing) or "a method 'rows'"
-        raise MeasurementError(
-            f"measurement {place + 1} of the list, a {type(source).__name__}, lacks {message}",
-            advice="a measurement has name, times_ns and rows(state, layout): insgnss.Measurement",
-        )
-    name: Any = source.name
-    if not (isinstance(name, str) and name.isidentifier()):
-        raise MeasurementError(
-            f"{name!r} is not a name for a measurement",
-            advice="letters, digits and underscores, as 'map_height'",
-        )
-    if name in BUILT_IN:
-        raise MeasurementError(f"'{name}' is a built-in kind", advice="give the measurement another name")
-    _check_settings(name, source)
-    unit, hint, steps = (getattr(source, key, "") for key in ("unit", "hint", "steps"))
-    watched, together, tells_heading = (
-        bool(getattr(source, key, False)) for key in ("watched", "together", "tells_heading")
-    )
-    period_ns = _checked_period(name, source)
-    times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
-    unlikely = getattr(source, "unlikely", None)
-    gate2 = _gate2(name, source)
-    at_gps_time = getattr(source, "clock", "imu") == "gps"
-    return Kind(
-        source,
-        name,
-        times_ns,
-        gate2,
-        unit,
-        period_ns,
-        watched=watched,
-        tells_heading=tells_heading,
-        steps=steps,
-        unlikely=unlikely,
-        together=together,
-        hint=hint,
-        at_gps_time=at_gps_time,
-    )
-
-
-def _check_settings(name: str, source: Measurement) -> None:
-    """Refuse a setting of a measurement that is not of its type."""
-    wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
-        **dict.fromkeys(
-            ("watched", "carrying", "together", "tells_heading"), (_is_truth_value, "True or False")
-        ),
-        **dict.fromkeys(("unit", "hint", "steps"), (_is_text, "a text")),
-        "unlikely": (_is_function_or_none, "a function of the state, or None"),
-        "clock": (lambda value: value in ("gps", "imu"), '"gps" or "imu"'),
-    }
-    for key, (fits, what) in wanted.items():
-        if hasattr(source, key) and not fits(getattr(source, key)):
-            raise MeasurementError(
-                f"{key} of measurement '{name}' is {getattr(source, key)!r}", advice=f"give {what}"
-            )
-
-
-def _is_truth_value(value: Any) -> bool:
-    return isinstance(value, bool | np.bool_)
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_function_or_none(value: Any) -> bool:
-    return value is None or callable(value)
-
-
-def _checked_period(name: str, source: Measurement) -> int:
-    """Return the period of a measurement, 0 where it lists its times."""
-    period: object = getattr(source, "period_ns", 0)
-    if not hasattr(source, "period_ns"):
-        return 0
-    whole = isinstance(period, int | np.integer) and not isinstance(period, bool)
-    if not whole or not _SHORTEST_PERIOD_NS <= int(period) <= NS_PER_WEEK:  # type: ignore[call-overload]
-        raise MeasurementError(
-            f"period_ns of measurement '{name}' is {period!r}",
-            advice="give a whole number of nanoseconds, 1e6 (1 kHz) or more",
-        )
-    if np.size(getattr(source, "times_ns", ())) > 0:
-        advice = "give one of them; for both, add a second measurement under another name"
-        raise MeasurementError(f"measurement '{name}' has both period_ns and times_ns", advice=advice)
-    return int(period)  # type: ignore[call-overload,no-any-return]
-
-
-def _checked_times(name: str, times_ns: object) -> Int64:
-    given: npt.NDArray[Any] = np.asarray(times_ns)
-    advice = (
-        "give increasing integers, GPS time in ns; flight.gps_ns(time_s) makes them from seconds of the week"
-    )
-    if given.ndim != 1 or not (len(given) == 0 or np.issubdtype(given.dtype, np.integer)):
-        message = f"times_ns of measurement '{name}' has shape {given.shape} and type {given.dtype}"
-        raise MeasurementError(message, advice=advice)
-    times = given.astype(np.int64)
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if len(late):
-        at = int(late[0]) + 1
-        raise MeasurementError(
-            f"times_ns of measurement '{name}' does not increase: entry {at} is {times[at]} after {times[at - 1]}",
-            advice=advice,
-        )
-    return times
-
-
-def _gate2(name: str, source: Measurement) -> float | None:
-    if not hasattr(source, "gate_sigma"):
-        return None
-    gate = source.gate_sigma
-    if gate is None:
-        return math.inf
-    if (
-        isinstance(gate, bool)
-        or not isinstance(gate, int | float | np.number)
-        or not 0.0 < float(gate) < math.inf
-    ):
-        raise MeasurementError(
-            f"gate_sigma of measurement '{name}' is {gate!r}",
-            advice="give a positive number, or None for no gate",
-        )
-    return float(gate) ** 2
