@@ -42,6 +42,11 @@ class OdometerMeasurement(SensorMeasurement[Odometer]):
     unit: ClassVar[str] = "m/s"
     hint: ClassVar[str] = "a wheel that slips or locks; its unit, sign, time and forward axis"
 
+    @property
+    def tells_heading(self) -> bool:
+        """While headings are open it tells them apart, by where the vehicle goes."""
+        return True
+
     def states(self) -> tuple[StateBlock, ...]:
         """Return the scale factor."""
         walk = RandomWalk(100.0 * self.config.scale_walk_per_sqrt_h / SQRT_S_PER_SQRT_H)
