@@ -29,6 +29,7 @@ class AlignmentWindow:
     w_ib_b: Float64  # (3,) mean rate [rad/s]
     spread_f: float  # root mean square about the mean, largest axis [m/s^2]
     spread_w: float  # [rad/s]
+    sd_tilting: float  # of ``tilting_b``, each axis, if the accelerometers' spread is white [rad/s]
 
     def without(self, accel: Float64, gyro: Float64) -> AlignmentWindow:
         """Return the window of sensors without these errors (3,) [m/s^2], [rad/s]."""
@@ -83,14 +84,17 @@ def inertial_window(
     if not np.isfinite(mean_f).all():
         return None
     length_s = (int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9
+    spread_f = float(f.std(axis=0).max())
+    sd_half = spread_f / math.sqrt(len(f) // 2) / max(float(np.linalg.norm(f.mean(axis=0))), 1e-9)
     return AlignmentWindow(
         length_s=length_s,
         f_b=mean_f,
         still_f_b=f.mean(axis=0),
         tilting_b=_tilting(f, length_s),
         w_ib_b=w.mean(axis=0),
-        spread_f=float(f.std(axis=0).max()),
+        spread_f=spread_f,
         spread_w=float(w.std(axis=0).max()),
+        sd_tilting=math.sqrt(2.0) * sd_half / (0.5 * length_s),
     )
 
 

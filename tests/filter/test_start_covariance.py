@@ -133,7 +133,7 @@ def test_force_near_free_fall_does_not_say_which_way_is_up(
     """A tilt is the force's error over the force: in orbit the accelerometers feel their own bias."""
     at = place()
     f_b = np.array([0.0, 0.0, -felt_g * STANDARD_GRAVITY_MPS2])
-    window = AlignmentWindow(1.0, f_b, f_b, np.zeros(3), np.zeros(3), 0.01, 1e-3)
+    window = AlignmentWindow(1.0, f_b, f_b, np.zeros(3), np.zeros(3), 0.01, 1e-3, 1e-5)
     down_e = at.C_ne[2] * (1.0 - felt_g) * STANDARD_GRAVITY_MPS2
     config = filter_config("tight17")
     heading = [StartHeading(0.0, 1.0, 1.0)]

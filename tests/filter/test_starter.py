@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.rest import rate_in_doubt, samples_show_rest
 from insgnss.filter.start.start import open_headings
 from insgnss.filter.start.starter import Starter
 from insgnss.inertial.alignment import AlignmentWindow
+from insgnss.inertial.sensor_model import sensor_model
 from tests.filter.scene import TACTICAL, TCXO
 
 NOWHERE = np.zeros(0, np.int64)
 UNUSED = np.zeros((2, 0), np.bool_)
 CONFIG = filter_config("tight17")
 DOWN_F = np.array([0.0, 0.0, -9.8])
-STILL = AlignmentWindow(1.0, DOWN_F, DOWN_F, np.zeros(3), np.zeros(3), 0.02, 1e-4)
+STILL = AlignmentWindow(1.0, DOWN_F, DOWN_F, np.zeros(3), np.zeros(3), 0.02, 1e-4, 1e-5)
 PLACE_E = np.array([6_378_137.0, 0.0, 0.0])  # at longitude 0 on the equator north is z, east is y
 
 
@@ -63,3 +66,39 @@ def test_a_course_counts_only_where_the_velocity_has_a_direction(
     assert sum(heading.weight for heading in found) == pytest.approx(1.0)
     if weight > 0.5:
         assert found[0].yaw == pytest.approx(math.pi / 2)
+
+
+def window(about_degps: float, across_degps: float, tilting_degps: float, sd_degps: float) -> AlignmentWindow:
+    """Return a quiet window in which the gyros read a rate about gravity and one across it."""
+    w_ib_b, tilting_b = np.radians([across_degps, 0.0, about_degps]), np.radians([tilting_degps, 0.0, 0.0])
+    return replace(STILL, w_ib_b=w_ib_b, tilting_b=tilting_b, sd_tilting=math.radians(sd_degps))
+
+
+@pytest.mark.parametrize(("tilting_degps", "rests"), [(0.0, True), (0.3, False), (0.02, True)])
+def test_boat_that_sways_is_not_at_rest(tilting_degps: float, rests: bool) -> None:
+    """A tactical gyro (1 deg/h) that reads 0.3 deg/s across gravity, which turns as it says, or does not."""
+    swaying = window(0.0, 0.3, tilting_degps, 0.01)
+    assert samples_show_rest(swaying, CONFIG, TACTICAL) == rests
+    turn, doubt = rate_in_doubt(swaying, TACTICAL)
+    if rests:  # the gyro is worse than its grade
+        assert not turn.any() and not doubt.any()
+
+
+def test_rate_too_small_for_the_accelerometers_stays_in_doubt() -> None:
+    turn, doubt = rate_in_doubt(window(0.0, 0.05, 0.05, 0.04), TACTICAL)
+    assert np.degrees(turn) == pytest.approx([0.025, 0.0, 0.0])
+    assert np.degrees(np.sqrt(np.diag(doubt))) == pytest.approx([0.025, 0.0, 0.0])
+
+
+def test_slow_turn_about_gravity_stays_in_doubt() -> None:
+    """Its direction is as uncertain as the level."""
+    turn, doubt = rate_in_doubt(window(0.2, 0.0, 0.0, 0.01), TACTICAL)
+    assert np.degrees(turn) == pytest.approx([0.0, 0.0, 0.1])
+    leak = sensor_model(TACTICAL).accel_bias.sigma / STANDARD_GRAVITY_MPS2 * 0.2
+    assert np.degrees(np.sqrt(np.diag(doubt))) == pytest.approx([leak, leak, 0.1], rel=1e-3)
+
+
+def test_bias_of_the_grade_is_not_in_doubt() -> None:
+    reads = TACTICAL.gyro_bias_deg_per_h / 3600.0
+    turn, doubt = rate_in_doubt(window(reads, reads, 0.0, 0.01), TACTICAL)
+    assert not turn.any() and not doubt.any()

@@ -290,7 +290,10 @@ def test_live_readings_repeat_where_those_of_the_log_do() -> None:
     config = sensor("velocity")
     table = table_of([0.0, 1.0, 2.0, 3.0, 4.0])
     values = np.array([[1.0, np.nan], [1.0, np.nan], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
-    table, live = dataclasses.replace(table, values=values, sigma=np.full((5, 2), np.nan)), LiveReadings(config)
+    table, live = (
+        dataclasses.replace(table, values=values, sigma=np.full((5, 2), np.nan)),
+        LiveReadings(config),
+    )
     for t_ns, value in zip(table.t_ns.tolist(), values, strict=True):
         live.add(t_ns, value, np.full(2, np.nan))
     found = readings_of(config, table)

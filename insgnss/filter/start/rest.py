@@ -1,4 +1,9 @@
-"""Detect standstill at the start: by two velocities and the inertial samples between them."""
+"""Detect standstill at the start: by two velocities and the inertial samples between them.
+
+A boat, a crane or a hovering aircraft moves slowly enough for both. Its gyros read the sway, which must not pass for
+their bias. Where they read more than the grade's biases and the noise explain, the accelerometers decide: gravity turns
+against the body as the gyros say, or it stays. A turn about gravity, or one too slow for them, stays in doubt.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,14 @@ import numpy as np
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.imu import ImuGrade
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.inertial.alignment import LARGEST_BIAS_RADPS, AlignmentWindow
+from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.tables import Float64
 
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS: Final = 0.5
+_SIGMAS: Final = 5.0
 
 
 class MeasuredVelocity(NamedTuple):
@@ -41,21 +48,67 @@ def velocities_show_rest(
 def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
     """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be.
 
-    They may read more than the grade says: gravity shows whether the vehicle tilts as they read.
+    They may read more than the grade says where gravity does not turn as they read.
     """
     start = config.start
     limit = math.radians(start.rest_rate_degps)
     steady = window.spread_w < limit and window.spread_f < start.rest_accel_mps2
     read = np.abs(window.w_ib_b).max()
     stands = read < LARGEST_BIAS_RADPS and np.linalg.norm(window.tilting_b) < limit
-    return bool(steady and (read <= _largest_usual(config, grade) or stands))
+    return bool(steady and (read <= _largest_usual(config, grade) or stands) and not _tilts(window, grade))
 
 
-def rate_in_doubt(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> Float64:
-    """Return (3,) the rate about gravity that may be a bias or a turn [rad/s], zero if the grade has such biases."""
-    up = -window.still_f_b / np.linalg.norm(window.still_f_b)
-    about = float(window.w_ib_b @ up)
-    return about * up if abs(about) > _largest_usual(config, grade) else np.zeros(3)
+def reading_sigma(window: AlignmentWindow, sensor: SensorModel) -> float:
+    """Return the sigma of the gyros' mean reading as one of their errors [rad/s].
+
+    White noise averages down; a third of the spread represents swaying during the window.
+    """
+    return math.hypot(math.sqrt(sensor.gyro_density / window.length_s), window.spread_w / 3.0)
+
+
+def rate_in_doubt(window: AlignmentWindow, grade: ImuGrade) -> tuple[Float64, Float64]:
+    """Return what of the gyros' reading may be a turn rather than a bias: mean (3,) [rad/s] and covariance (3, 3).
+
+    A rate that may be either is half of itself, and that is its sigma. About gravity the accelerometers see no turn;
+    which way gravity is they know as well as their biases. Across it they show a gyro worse than its grade where they
+    would see a quarter of what it reads, and see nothing.
+    """
+    sensor = sensor_model(grade)
+    about, across = _parts(window)
+    level = sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2 * float(np.linalg.norm(about))
+    most, size = _explained(window, sensor), float(np.linalg.norm(across))
+    sees_nothing = np.linalg.norm(window.tilting_b) < 3.0 * window.sd_tilting < 0.75 * size
+    mean, covariance = np.zeros(3), np.zeros((3, 3))
+    if np.linalg.norm(about) > most:
+        up = about / np.linalg.norm(about)
+        mean += 0.5 * about
+        covariance += np.outer(0.5 * about, 0.5 * about) + level**2 * (np.eye(3) - np.outer(up, up))
+    if size > most + _SIGMAS * level and not sees_nothing:
+        mean += 0.5 * across
+        covariance += np.outer(0.5 * across, 0.5 * across)
+    return mean, covariance
+
+
+def _tilts(window: AlignmentWindow, grade: ImuGrade) -> bool:
+    """Return whether gravity turns as the gyros read, by more than the grade's errors."""
+    _, across = _parts(window)
+    size = float(np.linalg.norm(across))
+    if size <= _explained(window, sensor_model(grade)):
+        return False
+    seen = np.linalg.norm(window.tilting_b) > _SIGMAS * window.sd_tilting
+    return bool(seen and np.linalg.norm(across - window.tilting_b) < 0.5 * size)
+
+
+def _parts(window: AlignmentWindow) -> tuple[Float64, Float64]:
+    """Return the parts of the gyros' mean reading about gravity and across it, (3,) each [rad/s]."""
+    up = window.still_f_b / np.linalg.norm(window.still_f_b)
+    about = float(window.w_ib_b @ up) * up
+    return about, window.w_ib_b - about
+
+
+def _explained(window: AlignmentWindow, sensor: SensorModel) -> float:
+    """Return what the gyros of a vehicle that stands may read [rad/s]."""
+    return WGS84_OMEGA_RADPS + _SIGMAS * math.hypot(sensor.gyro_bias.sigma, reading_sigma(window, sensor))
 
 
 def _largest_usual(config: FilterConfig, grade: ImuGrade) -> float:

@@ -16,7 +16,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.clock_offsets import place_clocks, tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
-from insgnss.filter.start.rest import rate_in_doubt
+from insgnss.filter.start.rest import rate_in_doubt, reading_sigma
 from insgnss.filter.state import BA, BG, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_rows
@@ -63,8 +63,8 @@ class StartAttitude:
     sd_b_g: float | None  # of the gyros' whole error (``sensor_errors``); None: as it is of such sensors
     level_from_bias: bool  # the tilt error is the accelerometer bias' doing ...
     sd_motion: float = 0.0  # ... but for so much that a motion at the start may have to do with it [rad]
-    # (3,) half of a rate at rest that is a bias or a turn: so far may the bias be from ``b_g`` [rad/s]
-    b_in_doubt: Float64 = field(default_factory=lambda: np.zeros(3))
+    # (3, 3) covariance of what the gyros read at rest and may be a turn [rad^2/s^2]
+    b_in_doubt: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def attitudes_at_start(
     sd_motion = sd_a / STANDARD_GRAVITY_MPS2
     if a_e is not None:
         sd_motion = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_motion)
-    in_doubt = 0.5 * rate_in_doubt(window, config, grade) if a_e is None else np.zeros(3)
+    turn, in_doubt = rate_in_doubt(window, grade) if a_e is None else (np.zeros(3), np.zeros((3, 3)))
     sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD, sd_motion)
     if a_e is not None:  # near free fall a force of any direction is within the error
         felt = float(np.linalg.norm(window.f_b)) / STANDARD_GRAVITY_MPS2
@@ -144,7 +144,7 @@ def attitudes_at_start(
         attitudes.append(
             StartAttitude(
                 *(roll, pitch, yaw, sd_level, sd_yaw, weight),
-                *(b_g - in_doubt, sd_b_g, a_e is None, sd_motion, in_doubt),
+                *(b_g - turn, sd_b_g, a_e is None, sd_motion, in_doubt),
             )
         )
     return attitudes
@@ -189,8 +189,7 @@ def _gyro_bias(
         return np.zeros(3), None
     # a sensor far worse than its grade: its readings at rest count rather than the grade
     prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
-    # a third of the spread represents swaying during the window; white noise averages down
-    read = math.hypot(math.sqrt(sensor.gyro_density / window.length_s), window.spread_w / 3.0)
+    read = reading_sigma(window, sensor)
     share = prior**2 / (prior**2 + read**2)
     return share * (window.w_ib_b - w_ie_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
 
@@ -289,7 +288,7 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, 
     for at in layout.sensor_states:
         m.optional[at - OFFSETS] = shares[at]
     P -= gain @ (A - attitude.sd_b_g**2 * np.eye(3)) @ gain.T
-    P[BG : BG + 3, BG : BG + 3] += np.outer(attitude.b_in_doubt, attitude.b_in_doubt)
+    P[BG : BG + 3, BG : BG + 3] += attitude.b_in_doubt
 
 
 def _place_attitude_covariance(
