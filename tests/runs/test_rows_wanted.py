@@ -248,7 +248,9 @@ def test_what_is_asked_for_beside_a_row_changes_no_bit_of_it() -> None:
 
 
 def test_saved_run_keeps_what_was_asked_for(tmp_path: Path) -> None:
-    run = insgnss.replay(SAMPLE, smooth=True, point=(1.0, 0.5, -2.0), quaternion=True, covariance=True)
+    run = insgnss.replay(
+        flight(turns()), smooth=True, point=(1.0, 0.5, -2.0), quaternion=True, covariance=True
+    )
 
     for form in ("parquet", "csv"):
         loaded = Run.load(run.save(tmp_path / form, form))  # type: ignore[arg-type]
