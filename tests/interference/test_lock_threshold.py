@@ -48,7 +48,7 @@ def test_thresholds_at_300_over_b_are_those_found_earlier_and_of_table_1(kind: D
 
 @pytest.mark.slow
 def test_atan_without_its_true_slope_is_near_the_printed_figure() -> None:
-    # 2 ms of a loop of 18 Hz: 0.069 found earlier, 0.067 printed
+    # 2 ms of a loop of 18 Hz: 0.069 found earlier, 0.067 printed, 0.077 with the slope. 200 slips: sigma 0.0004
     kind = discriminator("atan(Q/I)")
     one = lock_threshold(
         kind,
@@ -56,6 +56,7 @@ def test_atan_without_its_true_slope_is_near_the_printed_figure() -> None:
         bandwidth_time=0.036,
         normalised=False,
         levels=(0.062, 0.066, 0.07, 0.075),
+        slips=200,
     )
     assert one.ratio() == pytest.approx(0.067, abs=0.004)
     assert one.ratio() < found(kind).ratio() - 0.004
