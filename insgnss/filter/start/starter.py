@@ -43,6 +43,8 @@ _FASTEST_DRIFT_MPS = 3000.0  # 10 ppm
 _LEAST_RATES = 4  # for a velocity and a clock drift
 _WAIT_FIXES = 3  # after a gap, for a second velocity
 _VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
+_LEAST_RANGES = 4  # for a fix
+_TELL_NS = 30 * NS_PER_S  # after this time without a start, and again after twice as long
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -56,6 +58,8 @@ class Starter:
     fixes: list[Fix] = field(default_factory=list)
     headings: list[StartHeading] | None = None  # those of an automatic start, None: the whole circle
     carried: CarriedState | None = None  # from before a gap in the samples
+    lacking: str = ""  # what the last epoch that was tried lacked
+    wait_ns: int = _TELL_NS  # after which an event says so
 
     def begin(self, *, given: bool, carried: CarriedState | None) -> None:
         """State the start of a stretch of samples: an unused given start, and the carried state."""
@@ -70,14 +74,32 @@ class Starter:
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Return the bank opened at ``epoch`` if it can be, the fix it is based on, and events to report."""
         t_ns = int(rows.epoch_ns[epoch])
-        if self.given:
-            return self._given_start(imu, rows, epoch, par)
+        if self.given and t_ns < (self.setup.start_ns or t_ns):
+            return None, None, []
         if self.first_try_ns is None:
             self.first_try_ns = t_ns
+        opened = self._try(imu, rows, epoch, par)
+        waited_ns = t_ns - self.first_try_ns
+        if opened[0] is not None or waited_ns < self.wait_ns:
+            return opened
+        self.wait_ns = 2 * waited_ns
+        detail = f"no start for {waited_ns / NS_PER_S:.0f} s: {self.lacking}"
+        return *opened[:2], [*opened[2], Event(t_ns, "start_waits", detail)]
+
+    def _try(
+        self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.given:
+            self.lacking = "no satellite of the epochs is above the horizon of the given start"
+            return self._given_start(imu, rows, epoch, par)
+        assert self.first_try_ns is not None
         start = self.setup.config.start
         fix = fix_epoch(rows, epoch, par, self.setup.ties, start.max_gdop)
         if fix is None:
+            self.lacking = _why_no_fix(rows, epoch)
             return None, None, []
+        self.lacking = "the fixes disagree with each other or with the inertial samples"
         self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
         patient = t_ns - self.first_try_ns < start.patience_s * NS_PER_S
         if (fix.n_used < start.min_satellites or not fix.checked) and patient:
@@ -87,7 +109,13 @@ class Starter:
         if patient and fix.v_a is None and np.sum(fix.tried[RANGE_RATE]) >= _LEAST_RATES:
             return None, fix, []  # an epoch whose range rates agree shows far more of the motion
         motion = self._motion(fix)
-        if window is None or motion is None:
+        if window is None:
+            self.lacking = (
+                "no second of plausible inertial samples before the epochs: compare the time scales"
+            )
+            return None, fix, []
+        if motion is None:
+            self.lacking = "no range rates that agree, and no fix before within five seconds"
             return None, fix, []
         if self.carried is not None:
             opened = self._carried_start(self.carried, imu, fix, window, motion, par)
@@ -266,6 +294,19 @@ class Starter:
         return open_bank(
             kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
         )
+
+
+def _why_no_fix(rows: GnssRows, epoch: int) -> str:
+    """Return why an epoch has no fix, in words."""
+    offered = rows.observation["status"][rows.first[epoch] : rows.first[epoch + 1], PSEUDORANGE] == USED
+    if offered.sum() < _LEAST_RANGES:
+        return (
+            f"{offered.sum()} of {len(offered)} pseudoranges of the epoch can be used, for want of a valid ephemeris"
+            " perhaps; a start takes four"
+        )
+    return (
+        f"the {offered.sum()} pseudoranges of the epoch agree on no place: look at the receiver's time tags"
+    )
 
 
 class EpochView(NamedTuple):
