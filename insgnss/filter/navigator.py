@@ -300,7 +300,10 @@ class Navigator:
         """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
-        if (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
+        remedy = self.health.blame_rates(bank, code, imu, rows, epoch, self._parameters)
+        if remedy is not None:
+            self._accept(remedy, t_ns)
+        elif (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
             self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
         elif code == PRUNE:
             self._prune()

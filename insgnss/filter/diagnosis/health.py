@@ -22,14 +22,21 @@ from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.recovery import (
     RecoveryTest,
     contradicted_kind,
+    is_at_another_place,
     is_elsewhere,
     is_lost,
     open_doubt,
+    rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, SENSORS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
-from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_words
+from insgnss.filter.diagnosis.verdict_words import (
+    CONTRADICTED,
+    RATES_DISAGREE,
+    STUCK_RATES,
+    creeping_in_words,
+)
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import DONE, SUSPICION, current_sample
 from insgnss.filter.output.writing import Output
@@ -38,7 +45,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.start.fix import fix_epoch
+from insgnss.filter.start.fix import Fix, fix_epoch
 from insgnss.filter.state import Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import GATED, USED
@@ -47,6 +54,8 @@ from insgnss.tables import Event
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
+_LOOK_NS = 5 * NS_PER_S
+_RATES_OUT_NS = 600 * NS_PER_S  # of rates that agree on no velocity: a wrong wavelength lasts
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
 
 
@@ -74,6 +83,7 @@ class FilterHealth:
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
     told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
     credit: InertialCredit = field(default_factory=InertialCredit)
+    look_ns: int = 0  # when satellites that run away are looked at next, while headings are open
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
@@ -91,6 +101,8 @@ class FilterHealth:
         if self.doubt is not None:
             return epoch + 1
         due_ns = self.credit.retry_ns
+        if len(bank.state) > 1:
+            due_ns = min(due_ns, self.look_ns)
         if self.past.banks or len(bank.state) == 1:
             due_ns = min(due_ns, self.past.due_ns)  # a stream keeps the filter then, too
             if self.past.unclear_ns:
@@ -181,13 +193,15 @@ class FilterHealth:
             if remedy.bank is not bank:
                 return remedy
             events = remedy.events
-        kind = contradicted_kind(lines)
-        if kind is not None:
-            events += self._told(Event(t_ns, "kind_refused", f"{reason}: {kind}"))
-        fix = None
+        kind, fix = contradicted_kind(lines), None
         if not (refusing and is_thin(lines)):
             max_gdop = self.setup.config.start.max_gdop
             fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
+        without = self._without_rates(bank, imu, fix, t_ns, parameters[0]) if health.recovery else None
+        if without is not None:
+            return without._replace(events=events + without.events)
+        if kind is not None:
+            events += self._told(Event(t_ns, "kind_refused", f"{reason}: {CONTRADICTED[kind]}"))
         if fix is None or not fix.checked:
             steps = self._steps(bank, rows, epoch, parameters, space) if refusing else []
             events += steps
@@ -203,6 +217,41 @@ class FilterHealth:
                 return done._replace(events=events + done.events)
             self.doubt = doubt
         return Remedy(bank, events)
+
+    def blame_rates(
+        self, bank: Bank, code: int, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
+    ) -> Remedy | None:
+        """Look whether the satellites that run away have sound pseudoranges, and the range rates are wrong.
+
+        While several headings are open nothing is suspected: every few seconds then.
+        """
+        t_ns = int(rows.epoch_ns[epoch])
+        if len(bank.state) > 1:
+            if t_ns < self.look_ns:
+                return None
+            self.look_ns = t_ns + _LOOK_NS
+        elif code != SUSPICION:
+            return None
+        if not self.setup.config.health.recovery or not left_out(bank, t_ns):
+            return None
+        max_gdop = self.setup.config.start.max_gdop
+        fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
+        return self._without_rates(bank, imu, fix, t_ns, parameters[0])
+
+    def _without_rates(
+        self, bank: Bank, imu: ImuSamples, fix: Fix | None, t_ns: int, par: Parameters
+    ) -> Remedy | None:
+        """Return the filter set to a fix without range rates, if these disagree and have led it astray."""
+        if fix is None or not rates_disagree(fix):
+            return None
+        w_ib_b = imu.w_ib_b[current_sample(bank, imu)]
+        doubt = open_doubt(self.setup, bank, fix, w_ib_b, t_ns, RATES_DISAGREE)
+        if not is_at_another_place(doubt):
+            return None
+        new_bank = doubt.at_once(bank, doubtful=True)
+        new_bank.state["rates_out_ns"] = t_ns + _RATES_OUT_NS
+        self.doubt = None
+        return self._set_right(bank, new_bank, doubt, t_ns, par)
 
     def _steps(
         self, bank: Bank, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any], space: EpochWorkspace

@@ -248,16 +248,22 @@ def is_elsewhere(doubt: RecoveryTest) -> bool:
     Some rows still fit a filter that is lost: three of ten fix its clock and two directions. Inertial samples that are
     wrong lead a copy astray as fast as the filter, so that a trial decides nothing.
     """
-    lead = int(doubt.bank.head[0].leader) % doubt.n
     if doubt.fix.v_a is None or not _almost_all_fit(doubt.fix):
         return False
-    pair = doubt.bank, lead, doubt.bank, lead + doubt.n
-    return min(contradiction2(*pair), contradiction2(*pair, "v_e", DV)) > _ELSEWHERE2
+    lead = int(doubt.bank.head[0].leader) % doubt.n
+    other_velocity2 = contradiction2(doubt.bank, lead, doubt.bank, lead + doubt.n, "v_e", DV)
+    return is_at_another_place(doubt) and other_velocity2 > _ELSEWHERE2
 
 
-def _almost_all_fit(fix: Fix) -> bool:
+def is_at_another_place(doubt: RecoveryTest) -> bool:
+    """Return whether the filter excludes the place of the fix."""
+    lead = int(doubt.bank.head[0].leader) % doubt.n
+    return contradiction2(doubt.bank, lead, doubt.bank, lead + doubt.n) > _ELSEWHERE2
+
+
+def _almost_all_fit(fix: Fix, kinds: int | slice = slice(None)) -> bool:
     offered, used = fix.tried.sum(axis=1), fix.used.sum(axis=1)
-    return bool(np.all(used >= _FITTING_RANGES * offered)) and fix.n_used >= _ENOUGH_RANGES
+    return bool(np.all((used >= _FITTING_RANGES * offered)[kinds])) and fix.n_used >= _ENOUGH_RANGES
 
 
 def contradiction2(one: Bank, i: int, other: Bank, j: int, name: str = "r_e", at: int = DR) -> float:
@@ -296,16 +302,22 @@ def _fit(status: Int64) -> bool:
     return all(_share(status[:, kind]) >= _FITS for kind in range(2))
 
 
-def contradicted_kind(lines: Lines) -> str | None:
-    """Return, in words, the kind of which the gate refuses most rows while most of the other fit."""
+def contradicted_kind(lines: Lines) -> int | None:
+    """Return the kind of which the gate refuses most rows while most of the other fit."""
     share = [_refused(lines, kind) for kind in (PSEUDORANGE, RANGE_RATE)]
-    names = ("pseudoranges", "range rates")
     for kind, other in ((RANGE_RATE, PSEUDORANGE), (PSEUDORANGE, RANGE_RATE)):
         if share[kind] > _MOST and 0.0 <= share[other] < 1.0 - _MOST:
-            return (
-                f"the {names[kind]} contradict the {names[other]} and the inertial sensors; they are refused"
-            )
+            return kind
     return None
+
+
+def rates_disagree(fix: Fix) -> bool:
+    """Return whether an epoch's pseudoranges agree on a place, with rows to spare, and its range rates on no velocity.
+
+    A wrong wavelength, say. A filter follows them slowly, its pseudoranges refused.
+    """
+    untold = fix.v_a is None and fix.tried[RANGE_RATE].sum() >= _WITNESSES
+    return bool(untold and _almost_all_fit(fix, PSEUDORANGE))
 
 
 def _refused(lines: Lines, kind: int) -> float:

@@ -24,6 +24,15 @@ from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
+# by kind
+CONTRADICTED: Final = (
+    "the pseudoranges contradict the range rates and the inertial sensors; they are refused",
+    "the range rates contradict the pseudoranges and the inertial sensors; they are refused",
+)
+RATES_DISAGREE: Final = (
+    "the range rates of the epoch agree on no velocity, its pseudoranges on another place than the filter's; the range"
+    " rates are left out while they do not fit; look at their unit, wavelength and time"
+)
 STUCK_RATES: Final = (
     "the receiver repeats the range rates of an earlier epoch; they are refused while it does"
 )
