@@ -119,7 +119,7 @@ def use_own_rows(
     count = len(members[lead].rows)
     if count == 0 and len(sound) == 1:
         return OwnUpdate([], np.zeros(n))
-    direct = _tells_heading(bank, lead, members[lead])
+    direct = _moved_by_heading(bank, lead, members[lead])
     log_likelihood = np.full((len(sound), count), -math.inf)
     information = np.zeros((len(sound), count))
     updates: dict[int, OwnUpdate] = {}
@@ -202,7 +202,7 @@ def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
             )
 
 
-def _tells_heading(bank: Bank, lead: int, member: _Member) -> Bool:
+def _moved_by_heading(bank: Bank, lead: int, member: _Member) -> Bool:
     """Return of each row whether a turn about the vertical through the antenna moves it by more than a sigma.
 
     The turn is that to the farthest of the open headings. The antenna's position and velocity stay: what GNSS shows of

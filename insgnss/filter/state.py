@@ -169,7 +169,7 @@ class HeadRecord(Record):
     slip_ns: int  # when that was; 0: never
     slip_walk: float  # density of its changes [rad^2/s]
     slip_s: float  # time over which they were seen [s]
-    own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
+    own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
     # largest variance of a prediction that may be agreed with; 0: that of a reading; -1: none

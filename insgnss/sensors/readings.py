@@ -45,6 +45,11 @@ class Readings:
         """Of each reading but the first, whether it equals the one before to the bit (n - 1,)."""
         return _equal(self.values[1:], self.values[:-1])
 
+    def is_repeat(self, t_ns: int) -> bool:
+        """Return whether the reading of a time equals the one before to the bit."""
+        k = int(np.searchsorted(self.times_ns, t_ns))
+        return k > 0 and bool(self.same[k - 1])
+
     @cached_property
     def _run_starts(self) -> Int64:
         """Index of the first of the equal readings in a row to which each belongs (n,)."""
@@ -128,6 +133,11 @@ class LiveReadings:
         if first == k:
             return None
         return value, self._values(first - 1) if first else None
+
+    def is_repeat(self, t_ns: int) -> bool:
+        """Return whether the reading of a time equals the one before to the bit."""
+        k = bisect_left(self.times, t_ns)
+        return k > 0 and bool(_equal(self._values(k), self._values(k - 1)))
 
     def _values(self, k: int) -> Float64:
         return self.found[self.times[k]][0]

@@ -57,7 +57,7 @@ class SensorMeasurement(Generic[Config]):
 
     @property
     def tells_heading(self) -> bool:
-        """Whether it measures the heading, which is then checked against the motion."""
+        """Whether it measures or decides the heading, which is then checked against the motion."""
         return False
 
     @property
@@ -103,7 +103,7 @@ class SensorMeasurement(Generic[Config]):
 
     def repeats(self, t_ns: int) -> bool:
         """Return whether the reading of a time equals the one before to the bit."""
-        return self.readings.repeated(t_ns) is not None
+        return self.readings.is_repeat(t_ns)
 
     def states(self) -> tuple[StateBlock, ...]:
         """Return the sensor's errors that stay, as states of the filter."""

@@ -26,8 +26,8 @@ def three_satellites(gnss: GnssTable) -> GnssTable:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (late, "agree on no place: look at the receiver's time tags"),
-        (three_satellites, "3 of 3 pseudoranges"),
+        (late, "agree on no place"),
+        (three_satellites, "only 3 of 3 pseudoranges"),
     ],
 )
 def test_stream_that_does_not_start_says_why(spoil: Callable[[GnssTable], GnssTable], words: str) -> None:

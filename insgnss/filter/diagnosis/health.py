@@ -1,8 +1,9 @@
 """The filter's health: its reaction to contradicting measurements, and the memory for it.
 
-Two things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
+Three things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
 satellite: then the last minute is run once more (``suspects``). Or the filter is lost: then a fix is put on trial
-in parallel (``recovery``). Neither touches the filter before the rows have decided.
+in parallel (``recovery``). Neither touches the filter before the rows have decided. Or the range rates agree on no
+velocity: then the pseudoranges' fix takes the filter's place, and the rates are left out.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, SENSORS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
 from insgnss.filter.diagnosis.verdict_words import (
-    CONTRADICTED,
     RATES_DISAGREE,
     STUCK_RATES,
     creeping_in_words,
+    refused_in_words,
 )
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
-from insgnss.filter.loop import DONE, SUSPICION, current_sample
+from insgnss.filter.loop import COVARIANCE_LOST, DONE, SUSPICION, current_sample
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_rows.contradiction import leave_out
 from insgnss.filter.parameters import Parameters
@@ -54,8 +55,8 @@ from insgnss.tables import Event
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
-_LOOK_NS = 5 * NS_PER_S
-_RATES_OUT_NS = 600 * NS_PER_S  # of rates that agree on no velocity: a wrong wavelength lasts
+_RATES_LOOK_NS = 5 * NS_PER_S
+_NO_VELOCITY_NS = 600 * NS_PER_S  # for which rates that agree on none stay out: a wrong wavelength lasts
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
 
 
@@ -83,7 +84,8 @@ class FilterHealth:
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
     told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
     credit: InertialCredit = field(default_factory=InertialCredit)
-    look_ns: int = 0  # when satellites that run away are looked at next, while headings are open
+    rates_look_ns: int = 0  # when satellites that run away are looked at next, while headings are open
+    rates_out_ns: int = 0  # until when range rates stay out, in a filter that restarts, too
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
@@ -102,7 +104,7 @@ class FilterHealth:
             return epoch + 1
         due_ns = self.credit.retry_ns
         if len(bank.state) > 1:
-            due_ns = min(due_ns, self.look_ns)
+            due_ns = min(due_ns, self.rates_look_ns)
         if self.past.banks or len(bank.state) == 1:
             due_ns = min(due_ns, self.past.due_ns)  # a stream keeps the filter then, too
             if self.past.unclear_ns:
@@ -201,7 +203,7 @@ class FilterHealth:
         if without is not None:
             return without._replace(events=events + without.events)
         if kind is not None:
-            events += self._told(Event(t_ns, "kind_refused", f"{reason}: {CONTRADICTED[kind]}"))
+            events += self._told(Event(t_ns, "kind_refused", f"{reason}: {refused_in_words(kind)}"))
         if fix is None or not fix.checked:
             steps = self._steps(bank, rows, epoch, parameters, space) if refusing else []
             events += steps
@@ -223,13 +225,15 @@ class FilterHealth:
     ) -> Remedy | None:
         """Look whether the satellites that run away have sound pseudoranges, and the range rates are wrong.
 
-        While several headings are open nothing is suspected: every few seconds then.
+        With several headings open the loop raises no suspicion, so this looks every five seconds.
         """
         t_ns = int(rows.epoch_ns[epoch])
+        if code == COVARIANCE_LOST:
+            return None
         if len(bank.state) > 1:
-            if t_ns < self.look_ns:
+            if t_ns < self.rates_look_ns:
                 return None
-            self.look_ns = t_ns + _LOOK_NS
+            self.rates_look_ns = t_ns + _RATES_LOOK_NS
         elif code != SUSPICION:
             return None
         if not self.setup.config.health.recovery or not left_out(bank, t_ns):
@@ -249,7 +253,7 @@ class FilterHealth:
         if not is_at_another_place(doubt):
             return None
         new_bank = doubt.at_once(bank, doubtful=True)
-        new_bank.state["rates_out_ns"] = t_ns + _RATES_OUT_NS
+        new_bank.state["rates_out_ns"] = self.rates_out_ns = t_ns + _NO_VELOCITY_NS
         self.doubt = None
         return self._set_right(bank, new_bank, doubt, t_ns, par)
 

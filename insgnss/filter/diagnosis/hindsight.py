@@ -92,7 +92,7 @@ class Verdict(NamedTuple):
     fits: bool
     satellites: tuple[int, ...] = ()  # slots
     rates_mps: tuple[float, ...] = ()  # at which these run away
-    size: float = 0.0  # of the time tags' error [s]
+    size: float = 0.0  # of the time tags' error, of a further sensor's lateness [s]
     onset_ns: int = 0  # of a sensor's fault
     later_s: float = 0.0  # by which it may be at most
     axes: tuple[int, ...] = ()  # of the sensor

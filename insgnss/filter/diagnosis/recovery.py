@@ -314,10 +314,10 @@ def contradicted_kind(lines: Lines) -> int | None:
 def rates_disagree(fix: Fix) -> bool:
     """Return whether an epoch's pseudoranges agree on a place, with rows to spare, and its range rates on no velocity.
 
-    A wrong wavelength, say. A filter follows them slowly, its pseudoranges refused.
+    For example a wrong wavelength: the filter drifts with the rates and refuses the good pseudoranges.
     """
-    untold = fix.v_a is None and fix.tried[RANGE_RATE].sum() >= _WITNESSES
-    return bool(untold and _almost_all_fit(fix, PSEUDORANGE))
+    no_velocity = fix.v_a is None and fix.tried[RANGE_RATE].sum() >= _WITNESSES
+    return bool(no_velocity and _almost_all_fit(fix, PSEUDORANGE))
 
 
 def _refused(lines: Lines, kind: int) -> float:

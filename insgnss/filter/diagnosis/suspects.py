@@ -2,9 +2,9 @@
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
-some instant on; without satellites that may run away; with time tags that are off; with a further sensor less accurate
-than it says. Each explanation has a prior and a likelihood, integrated over what it does not know (onset, size, axis,
-rate), which gives its posterior:
+some instant on; without satellites that may run away; with time tags that are off; with a further sensor that is less
+accurate than it says, or late. Each explanation has a prior and a likelihood, integrated over what it does not know
+(onset, size, axis, rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.further_sensors import without_sensor, wrong_sensors
+from insgnss.filter.diagnosis.further_sensors import sensors_in_question, without_sensor, wrong_sensor
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
@@ -198,8 +198,10 @@ def every_fault(again: Hindsight) -> list[Verdict]:
     with ThreadPoolExecutor(again.setup.threads) as pool:
         sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
         others = [
-            pool.submit(list[Verdict], verdicts_of(again))
-            for verdicts_of in (other_tags, other_imu_tags, wrong_sensors)
+            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_tags, other_imu_tags)
+        ]
+        others += [
+            pool.submit(list[Verdict], wrong_sensor(again, kind)) for kind in sensors_in_question(again)
         ]
         satellites = again.without_satellites(pool)
     return [*_results(sensors), *satellites, *_results(others)]
@@ -249,7 +251,7 @@ def judge(
 def _filter_of(chosen: Explanation, again: Hindsight) -> Verdict | None:
     """Return the verdict of an explanation with the filter that knew of it in time, at the last epoch."""
     if chosen.suspect == FURTHER_SENSOR:
-        return without_sensor(again, chosen.best)
+        return without_sensor(again, chosen.verdicts)
     return again.to_the_end(over_onsets(with_sound_axes(chosen, again), again.setup.layout))
 
 

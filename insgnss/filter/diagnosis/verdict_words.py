@@ -24,14 +24,9 @@ from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
-# by kind
-CONTRADICTED: Final = (
-    "the pseudoranges contradict the range rates and the inertial sensors; they are refused",
-    "the range rates contradict the pseudoranges and the inertial sensors; they are refused",
-)
 RATES_DISAGREE: Final = (
-    "the range rates of the epoch agree on no velocity, its pseudoranges on another place than the filter's; the range"
-    " rates are left out while they do not fit; look at their unit, wavelength and time"
+    "the range rates agree on no velocity and the pseudoranges on a place that the filter excludes; range rates are"
+    " left out for at least ten minutes (check their unit, wavelength and time)"
 )
 STUCK_RATES: Final = (
     "the receiver repeats the range rates of an earlier epoch; they are refused while it does"
@@ -60,15 +55,12 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         )
         return Event(t_ns, "kind_refused", detail)
     if verdict.suspect == FURTHER_SENSOR:
-        late = f"its readings come {abs(verdict.size):.1f} s {'late' if verdict.size > 0.0 else 'early'} or about that"
-        what, until = (
-            (late, "any more")
-            if verdict.size
-            else ("its errors are larger than its sigma", "until it agrees")
-        )
+        late = f"its readings are about {abs(verdict.size):.1f} s {'late' if verdict.size > 0.0 else 'early'}"
+        what = late if verdict.size else "its errors are larger than its sigma"
+        used = "is no longer used" if verdict.size else "is not used until it agrees"
         detail = (
             f"'{verdict.kinds[0]}' contradicts the satellites and the inertial sensors: {what}; the last minute is"
-            f" recomputed without it, and it is not used {until}; look for: its time, unit, sign, axes and sigma"
+            f" recomputed without it, and it {used}; check its time, unit, sign, axes and sigma"
         )
         return Event(t_ns, "rows_contradict", detail)
     if verdict.suspect in (LAPSE, SHOCK):
@@ -78,6 +70,12 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         detail = "an accelerometer or gyro bias has jumped, not yet known which; both are re-estimated"
         return Event(t_ns, "sensor_suspect", detail)
     return Event(t_ns, "sensor_suspect", _of_sensor(was, verdict))
+
+
+def refused_in_words(kind: int) -> str:
+    """Return what is said of a kind that contradicts the other."""
+    names = ("pseudoranges", "range rates")
+    return f"the {names[kind]} contradict the {names[1 - kind]} and the inertial sensors; they are refused"
 
 
 def creeping_in_words(t_ns: int, satellites: tuple[int, ...]) -> Event:

@@ -8,6 +8,9 @@ chi-square of some 40 degrees of freedom divided by them (sigma 0.22), so 3 is 9
 A sensor that gives the heading is not left out by that mean: the gate refuses it, and readings that share an error for
 a minute would pass the limit by chance. It is left out where the motion has refuted its heading (``refute``).
 
+A look back at faults (``diagnosis.further_sensors``) may leave out any kind, one whose tags are late for good. A
+reading that repeats the one before does not count as agreement.
+
 In an outage the sigma of the prediction grows until any row agrees with it. If the rows were found wrong while GNSS
 supported the prediction, a row counts as agreement only while the prediction is as good as then (within a factor of two
 in variance), or would still show at three sigma an error of the size that was found. A contradiction that begins in an
@@ -54,7 +57,7 @@ def watch(
     *,
     headings_open: bool = False,
 ) -> None:
-    """Carry the mean of each watched kind on with the rows of a time, and note which contradict.
+    """Carry the mean of each kind that may be left out on with the rows of a time, and note which contradict.
 
     Parameters
     ----------
@@ -101,6 +104,11 @@ def refute(head: HeadRecord, kinds: Sequence[Kind], refuted: HeadRecord, *, is_g
         agreed = {kind.name for kind in kinds}
     for kind in kinds:
         at = kind.watch
+        if refuted.own_contradicts[at]:  # a look back has left it out
+            agreed.discard(kind.name)
+            for name in ("own_contradicts", "own_nis", "own_reach", "own_nis_ns"):
+                getattr(head, name)[at] = getattr(refuted, name)[at]
+            continue
         head.own_contradicts[at], head.own_nis[at] = 0, 1.0
         head.own_reach[at], head.own_nis_ns[at] = 0.0, last_ns[at]
     leave_out(head, [kind for kind in kinds if kind.name in agreed])

@@ -57,7 +57,7 @@ def own_measurements(
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     wishes = ("watched", "tells_heading"), ("carrying",), ("steps",)
     watched, carrying, stepping = (_places(kinds, *each) for each in wishes)
-    # what places are left go to the others: they are left out only where a look back finds them wrong
+    # the remaining places go to the other kinds: these are left out only where a look back finds them wrong
     others = [kind.name for kind in kinds if kind.name not in watched]
     leaving = {name: place for place, name in enumerate([*watched, *others][:MAX_WATCHED])}
     kinds = tuple(
@@ -135,6 +135,7 @@ def _check_settings(name: str, source: Measurement) -> None:
             ("watched", "carrying", "together", "tells_heading"), (_is_truth_value, "True or False")
         ),
         **dict.fromkeys(("unit", "hint", "steps"), (_is_text, "a text")),
+        "repeats": (callable, "a function of the time [ns]"),
         "unlikely": (_is_function_or_none, "a function of the state, or None"),
         "clock": (lambda value: value in ("gps", "imu"), '"gps" or "imu"'),
     }

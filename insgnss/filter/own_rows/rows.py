@@ -59,9 +59,10 @@ class Measurement(Protocol):
     - ``unit``: of its innovations, for the report.
     - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
       samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
-    - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
-    - ``tells_heading``: True of a sensor that gives the heading, which is validated like a given start: filters without
-      the sensor run in parallel until the vehicle has moved.
+    - ``watched``: True lets the filter stop using the kind while the mean of its innovations contradicts everything
+      else (``own_rows.contradiction``). A look back at faults may leave out any kind.
+    - ``tells_heading``: True of a sensor that gives or decides the heading, which is validated like a given start:
+      filters without the sensor run in parallel until the vehicle has moved.
     - ``carrying``: True if the filter has no other position or velocity: rows that contradict it then raise its sigmas
       (``own_rows.carrying``).
     - ``repeats(t_ns)``: whether the rows of a time only repeat those before. Such rows say nothing against
@@ -113,7 +114,7 @@ class Kind:
     together: bool = False  # one row beyond the gate refuses all of its time
     hint: str = ""  # what to look at where its rows are refused
     at_gps_time: bool = False  # rather than at the IMU's tags
-    # what is supposed of it: variances larger by this factor, tags late by this time
+    # a hypothesis about it: variances larger by this factor, tags late by this time
     widened2: float = 1.0
     late_ns: int = 0
 

@@ -48,7 +48,7 @@ def velocities_show_rest(
 def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
     """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be.
 
-    They may read more than the grade says where gravity does not turn as they read.
+    They may exceed the grade if gravity does not turn with them.
     """
     start = config.start
     limit = math.radians(start.rest_rate_degps)
@@ -69,15 +69,15 @@ def reading_sigma(window: AlignmentWindow, sensor: SensorModel) -> float:
 def rate_in_doubt(window: AlignmentWindow, grade: ImuGrade) -> tuple[Float64, Float64]:
     """Return what of the gyros' reading may be a turn rather than a bias: mean (3,) [rad/s] and covariance (3, 3).
 
-    A rate that may be either is half of itself, and that is its sigma. About gravity the accelerometers see no turn;
-    which way gravity is they know as well as their biases. Across it they show a gyro worse than its grade where they
-    would see a quarter of what it reads, and see nothing.
+    A rate that may be bias or turn is taken as half bias, with a sigma of that half. About gravity the accelerometers
+    see no turn; which way gravity is they know as well as their biases. Across gravity a reading is a bias beyond the
+    grade if the accelerometers would see a quarter of it, and see nothing.
     """
     sensor = sensor_model(grade)
     about, across = _parts(window)
     level = sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2 * float(np.linalg.norm(about))
     most, size = _explained(window, sensor), float(np.linalg.norm(across))
-    sees_nothing = np.linalg.norm(window.tilting_b) < 3.0 * window.sd_tilting < 0.75 * size
+    sees_nothing = np.linalg.norm(window.tilting_b) <= 3.0 * window.sd_tilting < 0.75 * size
     mean, covariance = np.zeros(3), np.zeros((3, 3))
     if np.linalg.norm(about) > most:
         up = about / np.linalg.norm(about)

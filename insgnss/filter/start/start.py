@@ -140,11 +140,12 @@ def attitudes_at_start(
     attitudes = []
     for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.still_f_b if a_e is None else window.f_b, f_n, yaw)
-        b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
+        not_bias = earth_rate_in_body(lat, roll, pitch, yaw) + turn
+        b_g, sd_b_g = _gyro_bias(window, a_e is None, not_bias, sensor)
         attitudes.append(
             StartAttitude(
                 *(roll, pitch, yaw, sd_level, sd_yaw, weight),
-                *(b_g - turn, sd_b_g, a_e is None, sd_motion, in_doubt),
+                *(b_g, sd_b_g, a_e is None, sd_motion, in_doubt),
             )
         )
     return attitudes
@@ -181,17 +182,20 @@ def headings_around(yaw: float, weights: list[float]) -> list[StartHeading]:
 
 
 def _gyro_bias(
-    window: AlignmentWindow, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
+    window: AlignmentWindow, at_rest: bool, turn_b: Float64, sensor: SensorModel
 ) -> tuple[Float64, float | None]:
-    """Return the gyro bias and its sigma: at rest the grade's prior combined with the gyros' readings, else none."""
+    """Return the gyro bias and its sigma: at rest the grade's prior combined with the gyros' readings, else none.
+
+    ``turn_b`` (3,) [rad/s] is what the gyros read without it being their error.
+    """
     prior = sensor.gyro_bias.sigma
     if not at_rest:
         return np.zeros(3), None
     # a sensor far worse than its grade: its readings at rest count rather than the grade
-    prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
+    prior = max(prior, float(np.abs(window.w_ib_b - turn_b).max()) / _BEYOND_GRADE)
     read = reading_sigma(window, sensor)
     share = prior**2 / (prior**2 + read**2)
-    return share * (window.w_ib_b - w_ie_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
+    return share * (window.w_ib_b - turn_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
 
 
 def open_bank(

@@ -74,7 +74,8 @@ class Starter:
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Return the bank opened at ``epoch`` if it can be, the fix it is based on, and events to report."""
         t_ns = int(rows.epoch_ns[epoch])
-        if self.given and t_ns < (self.setup.start_ns or t_ns):
+        start_ns = self.setup.start_ns
+        if self.given and start_ns is not None and t_ns < start_ns:
             return None, None, []
         if self.first_try_ns is None:
             self.first_try_ns = t_ns
@@ -91,7 +92,7 @@ class Starter:
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         t_ns = int(rows.epoch_ns[epoch])
         if self.given:
-            self.lacking = "no satellite of the epochs is above the horizon of the given start"
+            self.lacking = "the given start lies before the inertial samples"
             return self._given_start(imu, rows, epoch, par)
         assert self.first_try_ns is not None
         start = self.setup.config.start
@@ -99,7 +100,7 @@ class Starter:
         if fix is None:
             self.lacking = _why_no_fix(rows, epoch)
             return None, None, []
-        self.lacking = "the fixes disagree with each other or with the inertial samples"
+        self.lacking = "the fixes have no rows to spare, or contradict each other or the inertial samples"
         self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
         patient = t_ns - self.first_try_ns < start.patience_s * NS_PER_S
         if (fix.n_used < start.min_satellites or not fix.checked) and patient:
@@ -248,7 +249,7 @@ class Starter:
         assert start is not None  # for the type checker: ``given`` says so
         t_epoch = int(rows.epoch_ns[epoch])
         t_ns = t_epoch if self.setup.start_ns is None else self.setup.start_ns
-        if t_epoch < t_ns or t_ns < imu.t_ns[0]:
+        if t_ns < imu.t_ns[0]:
             return None, None, []
         k = int(np.searchsorted(imu.t_ns, t_ns, side="right"))
         w = imu.w_ib_b[k - 1]
@@ -260,6 +261,7 @@ class Starter:
         if seen.below_horizon > _MOST_BELOW_HORIZON:
             return self._elsewhere(imu, rows, epoch, par, seen.below_horizon)
         if not np.isfinite(seen.clocks).any():
+            self.lacking = "no satellite of the epoch has a pseudorange and a valid ephemeris"
             return None, None, []
         back = (t_epoch - t_ns) / NS_PER_S
         kin = given_kinematics(start, t_ns, seen.clocks - seen.drift * back, seen.drift, w, par)
@@ -276,10 +278,11 @@ class Starter:
         It takes a fix of the epoch to be sure of that, one with redundancy while there is patience.
         """
         t_ns, limits = int(rows.epoch_ns[epoch]), self.setup.config.start
-        self.first_try_ns = t_ns if self.first_try_ns is None else self.first_try_ns
+        assert self.first_try_ns is not None
         fix = fix_epoch(rows, epoch, par, self.setup.ties, limits.max_gdop)
         patient = t_ns - self.first_try_ns < limits.patience_s * NS_PER_S
         if fix is None or (not fix.checked and patient):
+            self.lacking = "the satellites are below the horizon of the given start, and no epoch has a fix"
             return None, None, []
         self.given = False
         lat, lon, _ = ecef_to_geodetic(fix.r_a)
@@ -287,7 +290,7 @@ class Starter:
             f"{100.0 * below:.0f} % of the satellites are below the horizon of the given state; their ranges meet at"
             f" {math.degrees(lat):.3f}, {math.degrees(lon):.3f} deg: starting automatically instead"
         )
-        bank, new_fix, events = self.try_start(imu, rows, epoch, par)
+        bank, new_fix, events = self._try(imu, rows, epoch, par)
         return bank, new_fix, [Event(t_ns, "start_refused", detail), *events]
 
     def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: ImuSamples) -> Bank:  # type: ignore[type-arg]
@@ -301,12 +304,10 @@ def _why_no_fix(rows: GnssRows, epoch: int) -> str:
     offered = rows.observation["status"][rows.first[epoch] : rows.first[epoch + 1], PSEUDORANGE] == USED
     if offered.sum() < _LEAST_RANGES:
         return (
-            f"{offered.sum()} of {len(offered)} pseudoranges of the epoch can be used, for want of a valid ephemeris"
-            " perhaps; a start takes four"
+            f"only {offered.sum()} of {len(offered)} pseudoranges are usable and a start needs four; check the"
+            " ephemerides"
         )
-    return (
-        f"the {offered.sum()} pseudoranges of the epoch agree on no place: look at the receiver's time tags"
-    )
+    return f"the {offered.sum()} pseudoranges agree on no place, or lie too unfavourably; check the time tags"
 
 
 class EpochView(NamedTuple):

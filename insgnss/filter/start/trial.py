@@ -7,9 +7,9 @@ same heading and of headings all around, each of a low prior weight. When the me
 the alternatives replace it. When they rule out the alternatives, or these reach the same attitude, the validation ends.
 It does not change the filter itself by a bit.
 
-A heading that a sensor has given is validated in the same way: a compass beside steel, two antennas that are exchanged,
-degrees for radians. There the alternatives do not use the sensor. If they take the filter's place, it is left out until
-it agrees with them.
+A heading that a sensor has given or decided is validated in the same way: a compass beside steel, two antennas that are
+exchanged, degrees for radians, a wheel speed that is late. There the alternatives do not use the sensor. If they take
+the filter's place, it is left out until it agrees with them.
 
 A start may also be wrong in its position or velocity alone. The alternative of the same heading shows that: it gains as
 all others do, but it has the given attitude, and the filter corrects its position by itself.
