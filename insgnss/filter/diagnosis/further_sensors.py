@@ -22,6 +22,7 @@ from insgnss.filter.own_rows.rows import NOT_CARRYING, NOT_WATCHED, Kind, OwnMea
 
 _LARGER2: Final = (4.0, 25.0, 100.0)
 _LATE_S: Final = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)
+_SOUND: Final = 2.0 * SURE
 _LATEST_NS: Final = int(max(_LATE_S) * NS_PER_S)
 
 
@@ -37,11 +38,17 @@ def sensors_in_question(again: Hindsight) -> list[Kind]:
 
 
 def wrong_sensor(again: Hindsight, kind: Kind) -> Iterator[Verdict]:
-    """Yield the results for a kind whose errors are larger, or whose tags are late."""
+    """Yield the results for a kind whose errors are larger, or whose tags are late.
+
+    A kind whose rows are far likelier at their own sigma than at twice it is sound: nothing more of it is tried.
+    """
     own = again.setup.own
     assert own is not None
     for larger2 in _LARGER2:
-        yield from _supposed(again, kind, own.widened(kind, larger2))
+        for verdict in _supposed(again, kind, own.widened(kind, larger2)):
+            yield verdict
+            if larger2 == _LARGER2[0] and verdict.log_likelihood < again.as_it_was - _SOUND:
+                return
     if not kind.period_ns:
         yield from _late(again, own, kind)
 
