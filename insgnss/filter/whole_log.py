@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.errors import ConfigError, StartError
+from insgnss.errors import ConfigError, StartError, TimeError
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.loop import run_to
 from insgnss.filter.navigator import Navigator
@@ -290,7 +290,13 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
     ------
     ConfigError : ``output`` is neither "gnss" nor "imu" nor a rate [Hz] from one in the log to ten in a sample, nor
         has it times inside the log
+    TimeError : the samples run backwards
     """
+    if len(t_ns) > 1 and t_ns[-1] < t_ns[0]:
+        raise TimeError(
+            f"the inertial time tags run backwards, by {(t_ns[0] - t_ns[-1]) / NS_PER_S:.6g} s from first to last",
+            advice="give the samples in the order of their time",
+        )
     if isinstance(output, np.ndarray):
         inside: Int64 = output[(output >= t_ns[0]) & (output <= t_ns[-1])]
         if not len(inside):

@@ -67,6 +67,8 @@ def _segments(imu: ImuTable) -> tuple[list[slice], float]:
     if len(step_s) < _LEAST:
         return [], 0.0
     typical = float(np.median(step_s))
+    if typical <= 0.0:  # most tags repeat the one before
+        return [], 0.0
     length = min(SEGMENT, 1 << ((len(step_s) // 8).bit_length() - 1))
     uneven = np.concatenate([[0], np.cumsum(np.abs(step_s - typical) > _EVEN * typical)])
     starts = np.unique(np.linspace(0, len(step_s) - length, SEGMENTS).astype(np.int64)).tolist()

@@ -179,6 +179,7 @@ def test_spectrum_leaves_out_what_has_lost_samples_and_short_logs() -> None:
 
     assert imu_spectrum(dataclasses.replace(log, t_ns=every_second)).empty
     assert imu_spectrum(imu_log(np.ones((50, 3)))).empty
+    assert imu_spectrum(dataclasses.replace(log, t_ns=log.t_ns // 3_000_000_000 * 3_000_000_000)).empty
     assert not imu_spectrum(log).empty
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import insgnss
 from insgnss.config.library import filter_config
-from insgnss.errors import ConfigError, ResultError
+from insgnss.errors import ConfigError, ResultError, TimeError
 from insgnss.filter.whole_log import output_times
 from insgnss.runs.result import TABLES, Run
 from insgnss.simulation.faults import outage
@@ -271,6 +271,13 @@ def test_output_rate_may_be_one_in_the_log_and_ten_in_a_sample() -> None:
     t_ns = np.arange(1001, dtype=np.int64) * 10_000_000 + 5_000_000
     assert np.array_equal(output_times(t_ns, 1000.0), np.arange(5, 10006) * 1_000_000)
     assert output_times(t_ns, 0.1).tolist() == [10_000_000_000]
+
+
+@pytest.mark.parametrize("output", ["gnss", "imu", 1.0])
+def test_samples_that_run_backwards_are_an_error_that_says_so(output: str | float) -> None:
+    t_ns = np.arange(1001, dtype=np.int64) * 10_000_000
+    with pytest.raises(TimeError, match=r"inertial time tags run backwards, by 10 s from first to last"):
+        output_times(t_ns[::-1], output)
 
 
 # ------------------------------------------------------------------------------------------------ sigma
