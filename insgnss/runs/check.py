@@ -28,7 +28,15 @@ from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
-from insgnss.log.checks.report import AXES_FIT, CLOCK_LEAPS, VERTICAL_AXIS, CheckReport, Finding, Proposal
+from insgnss.log.checks.report import (
+    AXES_FIT,
+    CLOCK_LEAPS,
+    RATES_CONTRADICT,
+    VERTICAL_AXIS,
+    CheckReport,
+    Finding,
+    Proposal,
+)
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
 from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack, track_of
@@ -99,12 +107,15 @@ def _against_each_other(
     gnss = logs.receiver.gnss
     if any(p.key.startswith("gnss.") for finding in findings for p in finding.proposals):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
+    contradict = any(finding.kind == RATES_CONTRADICT for finding in findings)
+    gnss = _without_rates(gnss) if contradict else gnss
     solve = partial(solve_track, flight, navigation=logs.navigation)
     time = gnss_time_findings(flight, gnss, logs.navigation, logs.imu, solve)
     more += time
     flight = _with(flight, time)
     if any(finding.proposals for finding in time):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
+        gnss = _without_rates(gnss) if contradict else gnss
     track = solve_track(flight, gnss, logs.navigation)
     if track is not None:
         leaps = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
@@ -114,6 +125,12 @@ def _against_each_other(
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
     return more + of_imu, confirmed
+
+
+def _without_rates(gnss: GnssTable) -> GnssTable:
+    """Return the log without range rates: wrong ones give a wrong velocity, and positions give another."""
+    nothing = np.full(len(gnss.t_ns), np.nan)
+    return replace(gnss, range_rate_mps=nothing, doppler_hz=nothing)
 
 
 def _against_fixes(

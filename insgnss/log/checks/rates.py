@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.config.flight import Gnss
 from insgnss.config.log_table import NO_COLUMN
-from insgnss.constants import C_MPS, NS_PER_S
-from insgnss.gnss.signals import wavelength_m
+from insgnss.constants import C_MPS, NS_PER_S, SIGMA_PER_MEDIAN
+from insgnss.gnss.signals import SIGNALS, carrier_hz, wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.log.checks.report import CLOCK_LEAPS, Finding, Proposal
+from insgnss.log.checks.report import CLOCK_LEAPS, RATES_CONTRADICT, Finding, Proposal
 from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 MIN_PAIRS: Final = 10
+MEDIAN_PER_MEAN: Final = 1.2533  # sigma of a median over that of a mean, sqrt(pi / 2)
 # Differences of range rate between satellites below this say nothing about sign and unit
 MIN_RATE_MPS: Final = 30.0
-SLOPE_TOLERANCE: Final = 0.15
+SLOPE_TOLERANCE: Final = 0.15  # of a sign or a unit
+# A ratio that is off by more than this and by its own sigmas is another carrier's or another scale: two carriers of the
+# satellites differ by 0.9 % at least, and half a metre a second is ten sigmas of a Doppler
+RATIO_TOLERANCE: Final = 1e-3
+RATIO_SIGMAS: Final = 5.0
+CARRIER_TOLERANCE: Final = 1e-3  # of a ratio of two carriers
 # A common step of half a microsecond: no receiver clock wanders so far within an epoch
 CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
 # Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
@@ -35,6 +43,14 @@ class RatePairs:
     from_code: Float64  # (p,) change of pseudorange over time [m/s]
     from_rate: Float64  # (p,) mean of the two range rates [m/s]
     dt_s: Float64  # (p,)
+    row: Int64  # (p,) of the later epoch
+
+
+class _Ratio(NamedTuple):
+    """How many times as fast as its range rates the pseudoranges of some satellites change."""
+
+    value: float
+    sd: float  # by the scatter of the rows, those of an epoch counted once: they share its median
 
 
 def rate_pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> RatePairs:
@@ -46,10 +62,10 @@ def rate_pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> Ra
     a, b = row[later - 1], row[later]
     dt_s = (gnss.t_ns[b] - gnss.t_ns[a]) / NS_PER_S
     pairs = RatePairs(
-        epoch[b], (gnss.pseudorange_m[b] - gnss.pseudorange_m[a]) / dt_s, 0.5 * (rate[a] + rate[b]), dt_s
+        epoch[b], (gnss.pseudorange_m[b] - gnss.pseudorange_m[a]) / dt_s, 0.5 * (rate[a] + rate[b]), dt_s, b
     )
     used = (dt_s <= MAX_PAIR_S) & np.isfinite(pairs.from_code) & np.isfinite(pairs.from_rate)
-    return RatePairs(pairs.epoch[used], pairs.from_code[used], pairs.from_rate[used], dt_s[used])
+    return RatePairs(pairs.epoch[used], pairs.from_code[used], pairs.from_rate[used], dt_s[used], b[used])
 
 
 def _common(values: Float64, epoch: Int64) -> tuple[Float64, Int64]:
@@ -69,8 +85,62 @@ def rate_findings(gnss: GnssTable, pairs: RatePairs, config: Gnss) -> list[Findi
     fast = (np.abs(code) > MIN_RATE_MPS) & (rate != 0.0)
     if fast.sum() < MIN_PAIRS:
         return [Finding("ok", "gnss", "too little relative motion to judge sign and unit of the range rates")]
-    slope = float(np.median(code[fast] / rate[fast]))
-    return [_slope_finding(slope, gnss, config)]
+    each, epoch = code[fast] / rate[fast], pairs.epoch[fast]
+    ratio = _ratio(each, epoch)
+    finding = _slope_finding(ratio.value, gnss, config)
+    if finding.severity != "ok":
+        return [finding]
+    label = _labels(gnss)[pairs.row[fast]]
+    by_signal = {name: _ratio(each[label == name], epoch[label == name]) for name in np.unique(label)}
+    wrong = {name: one for name, one in by_signal.items() if _contradicts(one)}
+    return [_scale_finding(name, one, gnss) for name, one in wrong.items()] or [finding]
+
+
+def _ratio(each: Float64, epoch: Int64) -> _Ratio:
+    value = float(np.median(each))
+    scatter = SIGMA_PER_MEDIAN * float(np.median(np.abs(each - value)))
+    epochs = len(np.unique(epoch))
+    return _Ratio(value, MEDIAN_PER_MEAN * scatter / epochs**0.5 if epochs >= MIN_PAIRS else math.inf)
+
+
+def _contradicts(ratio: _Ratio) -> bool:
+    return abs(ratio.value - 1.0) > max(RATIO_TOLERANCE, RATIO_SIGMAS * ratio.sd)
+
+
+def _labels(gnss: GnssTable) -> npt.NDArray[np.str_]:
+    """Return (n,) system and signal of each row, "G C1C"."""
+    systems = np.array([name[0] for name in gnss.sv_names])[gnss.sv]
+    signals = np.array(gnss.signal_names)[gnss.signal]
+    return np.char.add(np.char.add(systems, " "), signals)
+
+
+def _scale_finding(label: str, ratio: _Ratio, gnss: GnssTable) -> Finding:
+    """Return the finding on range rates of a signal that are off by a factor near 1."""
+    text = (
+        f"range rates of {label} contradict the pseudoranges: these change {ratio.value:.5f} times as fast"
+        f" (sigma {ratio.sd:.5f})"
+    )
+    return Finding("error", "gnss", text, _suspects(label, ratio, gnss), kind=RATES_CONTRADICT)
+
+
+def _suspects(label: str, ratio: _Ratio, gnss: GnssTable) -> str:
+    """Return what makes the range rates of a signal wrong by such a factor."""
+    system, code = label.split(" ")
+    if np.isfinite(gnss.range_rate_mps).any():
+        return (
+            "suspected: the unit, or a Doppler turned into metres per second with another signal's wavelength"
+        )
+    advice = "suspected: the unit, or the Doppler of another signal than its code says"
+    if system == "R":
+        return f"{advice}, or another frequency channel"
+    own_hz = carrier_hz(system, code)
+    other = min(SIGNALS, key=lambda signal: abs(signal.carrier_hz * ratio.value / own_hz - 1.0))
+    if abs(other.carrier_hz * ratio.value / own_hz - 1.0) > CARRIER_TOLERANCE:
+        return advice
+    return (
+        f"{advice}: as if the carrier of {1e-6 * own_hz:.3f} MHz were that of {other.name},"
+        f" {1e-6 * other.carrier_hz:.3f} MHz"
+    )
 
 
 def _spread(values: Float64, epoch: Int64) -> Float64:
@@ -106,7 +176,7 @@ def _slope_finding(slope: float, gnss: GnssTable, config: Gnss) -> Finding:
         text = f"doppler_hz looks like metres per second{sign}"
         return Finding("error", "gnss", text, advice, _SURE, proposals)
     text = f"range rates and pseudoranges disagree: pseudoranges change {slope:.3g} times as fast"
-    return Finding("error", "gnss", text, "check the unit and the signal codes")
+    return Finding("error", "gnss", text, "check the unit and the signal codes", kind=RATES_CONTRADICT)
 
 
 def _other_sign(config: Gnss) -> Proposal:

@@ -18,6 +18,9 @@ MARKS: Final[dict[Severity, str]] = {"ok": "ok     ", "warning": "WARNING", "err
 # kinds of findings that no event tells
 AXES_FIT: Final = "axes_fit"  # the declared axes, as far as the motion shows them
 CLOCK_LEAPS: Final = "clock_leaps"  # bad epochs, not jumps of the receiver's clock
+RATES_CONTRADICT: Final = (
+    "rates_contradict"  # the pseudoranges, and no key mends it: no velocity comes from them
+)
 VERTICAL_AXIS: Final = "vertical_axis"  # which one gravity shows, by itself
 
 _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"

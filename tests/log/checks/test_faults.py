@@ -84,6 +84,34 @@ def test_bad_epochs_are_one_warning_and_no_clock_jumps(short: Log, tmp_path: Pat
     assert not any("jump(s)" in line or "clock jumps" in line for line in lines)
 
 
+def scaled_doppler(log: Log, factor: float) -> Log:
+    gnss = log.gnss.copy()
+    gnss["doppler_hz"] = [f"{factor * float(d)}" if d else "" for d in gnss["doppler_hz"]]
+    return replace(log, gnss=gnss)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(0.991, "B1I, 1561.098 MHz"), (1.01, "another signal")])
+def test_doppler_of_another_carrier_is_an_error_and_gives_no_velocity(
+    factor: float, named: str, short: Log, tmp_path: Path
+) -> None:
+    report = examine(Flight.load(scaled_doppler(short, factor).write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert named in "\n".join(finding.advice for finding in report.of("error")), text
+    assert "steers" not in text and "range rates agree" not in text
+    assert report.proposals == (), text
+
+
+def test_ratio_that_its_own_noise_explains_is_no_error(short: Log, tmp_path: Path) -> None:
+    """With pseudoranges noisy by 80 m the ratio leaves 1 by more than the least that counts."""
+    gnss, rng = short.gnss.copy(), np.random.default_rng(5)
+    gnss["pseudorange_m"] = [
+        f"{float(p) + rng.normal(0.0, 80.0):.4f}" if p else "" for p in gnss["pseudorange_m"]
+    ]
+    text = "\n".join(examine(Flight.load(replace(short, gnss=gnss).write(tmp_path))).lines())
+    (ratio,) = re.findall(r"range rates agree with the pseudoranges \(ratio ([0-9.]+)\)", text)
+    assert abs(float(ratio) - 1.0) > 2e-3, text
+
+
 @pytest.mark.parametrize(("left", "until_s"), [(3, 0.0), (2, 15.0)])
 def test_few_satellites_are_no_contradiction(short: Log, tmp_path: Path, left: int, until_s: float) -> None:
     """Three satellites agree on any place: that the tags are wrong cannot be said."""
