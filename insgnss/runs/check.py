@@ -27,6 +27,7 @@ from insgnss.log.checks.fixes_track import fixes_track
 from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundVelocity, imu_findings
+from insgnss.log.checks.imu_rate import at_full_rate
 from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import (
     AXES_FIT,
@@ -238,6 +239,7 @@ def _accelerometer_findings(
 
 def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, epoch_ns: Int64) -> list[Finding]:
     imu_ns = (int(declared.imu.t_ns[0]), int(declared.imu.t_ns[-1]))
+    declared = declared._replace(imu=at_full_rate(declared.imu))
     shifts = overlapping_shifts(imu_ns, (int(epoch_ns[0]), int(epoch_ns[-1])))[:MOST_SHIFTS]
     if not shifts:
         return motion_findings(flight, declared, track)

@@ -10,6 +10,7 @@ from insgnss.config.imu import ImuGrade
 from insgnss.constants import NS_PER_S, SIGMA_PER_MEDIAN, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.inertial.alignment import LARGEST_BIAS_RADPS
+from insgnss.log.checks.imu_rate import rate_change_findings
 from insgnss.log.checks.report import VERTICAL_AXIS, Finding
 from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.log.imu.units import alike_accel_unit
@@ -85,6 +86,7 @@ def imu_findings(
     ]
     if 1.0 / mean_s < SLOW_HZ:
         findings.append(Finding("warning", "imu", f"only {1.0 / mean_s:.3g} Hz: fast motion is lost"))
+    findings += rate_change_findings(imu, week)
     windows = imu_windows(imu, median_s * NS_PER_S)
     if windows is None:
         findings.append(

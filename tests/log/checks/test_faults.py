@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.log.flight import Flight
 from insgnss.runs.check import examine
-from tests.log.checks.spoilt import FAULTS, Log, judged, log_of
+from tests.log.checks.spoilt import FAULTS, Log, imu_later, judged, log_of
 
 ROOT = Path(__file__).resolve().parents[3]
 SAMPLE = ROOT / "data/sample_flight/flight.toml"
@@ -110,6 +110,26 @@ def test_ratio_that_its_own_noise_explains_is_no_error(short: Log, tmp_path: Pat
     text = "\n".join(examine(Flight.load(replace(short, gnss=gnss).write(tmp_path))).lines())
     (ratio,) = re.findall(r"range rates agree with the pseudoranges \(ratio ([0-9.]+)\)", text)
     assert abs(float(ratio) - 1.0) > 2e-3, text
+
+
+def test_rate_that_falls_is_told_and_the_rest_is_judged_at_the_full_rate(short: Log, tmp_path: Path) -> None:
+    falls_s = short.imu[0, 0] + 150.0
+    kept = (short.imu[:, 0] < falls_s) | (np.arange(len(short.imu)) % 10 == 0)
+    log = imu_later(replace(short, imu=short.imu[kept]), 0.25)
+    report = examine(Flight.load(log.write(tmp_path)))
+    text = "\n".join(report.lines())
+    (told,) = re.findall(r"the rate changes from 50 to 5 Hz at about ([0-9.]+) s", text)
+    assert float(told) == pytest.approx(falls_s, abs=32 / 5.0)
+    assert [p.key for p in report.proposals] == ["imu.time.offset_s"], text
+    assert report.proposals[0].value == pytest.approx(-0.25, abs=0.06)
+
+
+def test_lost_samples_and_gaps_are_no_change_of_the_rate(short: Log, tmp_path: Path) -> None:
+    lost = np.random.default_rng(3).random(len(short.imu)) < 0.2
+    lost |= (short.imu[:, 0] > short.imu[0, 0] + 60.0) & (short.imu[:, 0] < short.imu[0, 0] + 75.0)
+    report = examine(Flight.load(replace(short, imu=short.imu[~lost]).write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert "IMU gap of 15" in text and "the rate changes" not in text
 
 
 @pytest.mark.parametrize(("left", "until_s"), [(3, 0.0), (2, 15.0)])
