@@ -125,7 +125,18 @@ def _against_each_other(
     more += sensor_findings(read_sensor_logs(flight), track, logs.imu)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
+    if any(finding.severity == "error" and not finding.proposals for finding in time):
+        of_imu = [_doubted_offset(finding) for finding in of_imu]
     return more + of_imu, confirmed
+
+
+def _doubted_offset(finding: Finding) -> Finding:
+    """Return a sure offset between the logs as a likely one of the inertial log: no position fits the GNSS tags."""
+    if not any(p.key.startswith("imu.time.") for p in finding.proposals):
+        return finding
+    return replace(
+        finding, sure="likely: the pseudoranges fit no position, so the GNSS tags may be the wrong ones"
+    )
 
 
 def _without_rates(gnss: GnssTable) -> GnssTable:

@@ -1,7 +1,7 @@
 """Whether the GNSS tags are GPS time of the stated week: only then do the pseudoranges agree on a place.
 
 Satellites move by 4 km a second: tags that are off by leap seconds, hours or weeks put them where the ranges contradict
-each other, or where no message serves.
+each other, or where no message serves; so do tags that are off by a tenth of a second.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.tag_shift import TagShift, shift_by_ranges
 from insgnss.log.checks.time_offset import HOUR_S, scale_for
 from insgnss.log.checks.track import Solve, solved_share
 from insgnss.log.flight import Flight
@@ -42,10 +43,10 @@ class _Shift(NamedTuple):
 def gnss_time_findings(
     flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
 ) -> list[Finding]:
-    """Return the whole weeks, hours or leap seconds by which the GNSS tags are off, from the pseudoranges.
+    """Return the whole weeks, hours or leap seconds by which the GNSS tags are off, or any time up to 20 s.
 
-    With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
-    four satellites of known messages say nothing.
+    The pseudoranges show it. With few satellites several whole shifts may do: then the one that makes the logs overlap
+    counts. Epochs with fewer than four satellites of known messages say nothing.
     """
     if navigation is None or not navigation.has_messages or gnss.sat is not None:
         return []
@@ -57,9 +58,14 @@ def gnss_time_findings(
             Finding("warning", "gnss", text, "log more satellites, or add the missing navigation messages")
         ]
     sample = _sample(gnss, enough)
-    if solved_share(solve, sample, tested=False) >= AGREEING:
+    agree = solved_share(solve, sample, tested=False) >= AGREEING
+    shifts = [] if agree else _fitting(solve, sample, navigation)
+    if not shifts:
+        off = shift_by_ranges(solve, sample, AGREEING)
+        if off is not None:
+            return [_finding_of_any(flight, off)]
+    if agree:
         return []
-    shifts = _fitting(solve, sample, navigation)
     sure = "sure: no other shift does"
     if len(shifts) > 1 and imu is not None:
         leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
@@ -157,3 +163,15 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Findi
     if added:
         proposals.append(Proposal("gnss.time.offset_s", round(config.gnss.time.offset_s + added, 3), why))
     return Finding("error", "gnss", text, "", sure, tuple(proposals))
+
+
+def _finding_of_any(flight: Flight, off: TagShift) -> Finding:
+    side = "late" if off.shift_s < 0.0 else "early"
+    text = (
+        f"the GNSS tags are {abs(off.shift_s):.3f} s {side}: the pseudoranges contradict each other as logged and agree"
+        " on a position with this shift"
+    )
+    why = "this shift makes the pseudoranges agree on a position"
+    offset_s = round(flight.config.gnss.time.offset_s + off.shift_s, 3)
+    proposals = (Proposal("gnss.time.offset_s", offset_s, why),)
+    return Finding("error", "gnss", text, "", f"sure: sigma {off.sd_s:.3f} s", proposals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -38,6 +38,9 @@ class GnssTrack:
     n_good: int  # epochs whose position passed all tests, or whose ranges contradict it as reflections do
     n_tested: int  # those of them that were tested: there was a redundant row
     sd_time_s: float = 0.0  # how well the times of the velocities are known
+    # of every epoch of the log: chi-square of all its ranges, not finite without a common fit, and their redundancy
+    range_chi2: Float64 = field(default_factory=lambda: np.zeros(0))
+    range_freedom: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 Solve = Callable[[GnssTable], GnssTrack | None]  # the track of a GNSS log, None where nothing can be solved
@@ -83,6 +86,8 @@ def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
         len(epoch_ns),
         int((good | reflected).sum()),
         int((good & (out.verdict[:, 0] != UNTESTED)).sum()),
+        range_chi2=out.statistic[:, 0],
+        range_freedom=out.freedom[:, 0],
     )
 
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.log.flight import Flight
 from insgnss.runs.check import examine
-from tests.log.checks.spoilt import FAULTS, Log, imu_later, judged, log_of
+from tests.log.checks.spoilt import FAULTS, Log, gnss_later, imu_later, judged, log_of
 
 ROOT = Path(__file__).resolve().parents[3]
 SAMPLE = ROOT / "data/sample_flight/flight.toml"
@@ -82,6 +82,34 @@ def test_bad_epochs_are_one_warning_and_no_clock_jumps(short: Log, tmp_path: Pat
     lines = examine(Flight.load(replace(short, gnss=gnss).write(tmp_path))).lines()
     assert [line[:7] for line in lines if "leaps 12 time(s)" in line] == ["WARNING"]
     assert not any("jump(s)" in line or "clock jumps" in line for line in lines)
+
+
+@pytest.mark.parametrize("seconds", [0.3, -1.0, 7.5])
+def test_gnss_tags_that_are_off_by_any_time_are_not_laid_on_the_inertial_log(
+    seconds: float, short: Log, tmp_path: Path
+) -> None:
+    report = examine(Flight.load(gnss_later(short, seconds).write(tmp_path)))
+    (proposal,) = report.sure_proposals
+    assert proposal.key == "gnss.time.offset_s"
+    assert proposal.value == pytest.approx(-seconds, abs=0.005)
+    text = "\n".join(report.lines())
+    assert f"s {'late' if seconds > 0.0 else 'early'}: the pseudoranges contradict" in text
+    assert "IMU and GNSS tags agree" in text
+
+
+def test_offset_is_not_sure_where_no_time_makes_the_pseudoranges_agree(short: Log, tmp_path: Path) -> None:
+    """Each satellite's ranges are hundreds of metres off: either log's tags may be the wrong ones."""
+    gnss = short.gnss.copy()
+    off_m = {sv: 400.0 * (k % 5 - 2) for k, sv in enumerate(sorted(gnss["sv"].unique()))}
+    gnss["pseudorange_m"] = [
+        f"{float(p) + off_m[sv]:.4f}" if p else ""
+        for sv, p in zip(gnss["sv"], gnss["pseudorange_m"], strict=True)
+    ]
+    log = imu_later(replace(short, gnss=gnss), 0.25)
+    report = examine(Flight.load(log.write(tmp_path)))
+    assert "no position fits the pseudoranges" in "\n".join(report.lines())
+    assert [p.key for p in report.proposals if p.key.startswith("imu.time")] == ["imu.time.offset_s"]
+    assert report.sure_proposals == ()
 
 
 def scaled_doppler(log: Log, factor: float) -> Log:
