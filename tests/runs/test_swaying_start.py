@@ -6,7 +6,6 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import insgnss
@@ -16,6 +15,7 @@ from insgnss.log.flight import FlightInMemory
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import ImuTable
+from tests.runs.scenes import rows_where
 from tests.sensors.scenes import flown
 
 CUT_S = 60.0  # until then the sea rises
@@ -47,9 +47,7 @@ def moored(grade: str, roll_deg: float, period_s: float) -> FlightInMemory:
     from_ns = imu.t_ns[0] + int(CUT_S * NS_PER_S)
     k = imu.t_ns > from_ns
     late = ImuTable(imu.t_ns[k], imu.w_ib_b[k], imu.f_b[k])
-    return replace(
-        flight, logs=replace(flight.logs, imu=late, gnss=gnss.take(np.flatnonzero(gnss.t_ns > from_ns)))
-    )
+    return replace(flight, logs=replace(flight.logs, imu=late, gnss=rows_where(gnss, gnss.t_ns > from_ns)))
 
 
 @pytest.mark.parametrize(

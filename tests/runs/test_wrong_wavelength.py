@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import insgnss
 from insgnss.log.flight import FlightInMemory
-from tests.filter.test_engine import no_delay, stream
+from tests.filter.test_engine import shortened
 from tests.runs.scenes import flight, kinds, turns
 from tests.sensors.scenes import city_car, flown
-from tests.sensors.test_live import batch, live_engine
+from tests.sensors.test_live import bits_of_replay
 
 B1I_AS_B1C = 1561.098 / 1575.42
 
@@ -55,14 +54,4 @@ def test_pseudoranges_navigate_where_the_range_rates_agree_on_no_velocity(
 def test_engine_gives_the_bits_of_replay_when_the_rates_are_left_out() -> None:
     """Headings are open at first, where the look for satellites that run away has its own ticks."""
     made = scaled(car(82), B1I_AS_B1C)
-    until = made.logs.imu.t_ns[0] + 50_000_000_000
-    k, rows = made.logs.imu.t_ns <= until, np.flatnonzero(made.logs.gnss.t_ns <= until)
-    imu = type(made.logs.imu)(made.logs.imu.t_ns[k], made.logs.imu.w_ib_b[k], made.logs.imu.f_b[k])
-    made = replace(made, logs=replace(made.logs, imu=imu, gnss=made.logs.gnss.take(rows)))
-    engine = live_engine(made)
-    stream(engine, made.logs, no_delay())
-    results = engine.take_results(all_of_them=True)
-    written = {r.t_ns: r.out.nav[0].tobytes() for r in results if r.out.counts[0].nav == 1}
-    wanted, _ = batch(made, {})
-    assert "reset" in {event.kind for event in engine.events}
-    assert len(written) > 25 and written == {t_ns: wanted[t_ns] for t_ns in written}
+    assert bits_of_replay(replace(made, logs=shortened(made.logs, 50.0)), "reset") > 25

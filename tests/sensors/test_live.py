@@ -73,6 +73,18 @@ def batch(flight: FlightInMemory, settings: dict[str, float]) -> tuple[dict[int,
     return {int(row["t_ns"]): row.tobytes() for row in out.nav[: out.counts[0].nav]}, entries
 
 
+def bits_of_replay(flight: FlightInMemory, event: str) -> int:
+    """Compare the rows that an engine writes with a replay's; return how many, ``event`` among the engine's."""
+    engine = live_engine(flight)
+    fed(engine, flight)
+    results = engine.take_results(all_of_them=True)
+    written = {r.t_ns: r.out.nav[0].tobytes() for r in results if r.out.counts[0].nav == 1}
+    wanted, _ = batch(flight, {})
+    assert event in {each.kind for each in engine.events}
+    assert written == {t_ns: wanted[t_ns] for t_ns in written}
+    return len(written)
+
+
 @pytest.mark.parametrize(
     ("late_ns", "settings"), [(0, {}), (430_000_000, {}), (430_000_000, {"process.imu_time_sigma_s": 0.02})]
 )

@@ -16,7 +16,7 @@ from insgnss.sensors.attitude_fixes import AttitudeMeasurement
 from insgnss.sensors.readings import LiveReadings
 from tests.runs.scenes import START_S, kinds, true_start, turns
 from tests.sensors.scenes import city_car, declared, fault, flown, simulated, with_sensors
-from tests.sensors.test_live import batch, fed, live_engine
+from tests.sensors.test_live import bits_of_replay
 
 MOVES_S = 34.0  # three seconds after the car pulls away
 WRONG = {
@@ -131,10 +131,4 @@ def test_engine_gives_the_bits_of_replay_when_a_heading_is_refuted() -> None:
     sensors = [simulated("heading", rate_hz=3.0), simulated("barometer", rate_hz=2.0)]
     wrong = fault("sensor_step", 0.0, 200.0, sensor="heading", size=(90.0,))
     flight = flown(with_sensors(city_car(45.0), sensors, [wrong]), 76)
-    engine = live_engine(flight)
-    fed(engine, flight)
-    results = engine.take_results(all_of_them=True)
-    written = {r.t_ns: r.out.nav[0].tobytes() for r in results if r.out.counts[0].nav == 1}
-    wanted, _ = batch(flight, {})
-    assert "restart" in {event.kind for event in engine.events}
-    assert len(written) > 35 and written == {t_ns: wanted[t_ns] for t_ns in written}
+    assert bits_of_replay(flight, "restart") > 35

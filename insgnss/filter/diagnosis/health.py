@@ -30,7 +30,7 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, SENSORS
+from insgnss.filter.diagnosis.supposed_faults import SENSORS, TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
@@ -146,7 +146,7 @@ class FilterHealth:
         if verdict is None:
             return Remedy(bank, self._creeping(bank, t_ns) if news else [])
         event = verdict_in_words(t_ns, was[0], verdict)
-        if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+        if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
         verdict.bank.head[:] = bank.head
         verdict.bank.head["renewed_ns"] = t_ns
@@ -197,8 +197,7 @@ class FilterHealth:
             events = remedy.events
         kind, fix = contradicted_kind(lines), None
         if not (refusing and is_thin(lines)):
-            max_gdop = self.setup.config.start.max_gdop
-            fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
+            fix = self._fix(rows, epoch, parameters[0])
         without = self._without_rates(bank, imu, fix, t_ns, parameters[0]) if health.recovery else None
         if without is not None:
             return without._replace(events=events + without.events)
@@ -238,9 +237,11 @@ class FilterHealth:
             return None
         if not self.setup.config.health.recovery or not left_out(bank, t_ns):
             return None
-        max_gdop = self.setup.config.start.max_gdop
-        fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
+        fix = self._fix(rows, epoch, parameters[0])
         return self._without_rates(bank, imu, fix, t_ns, parameters[0])
+
+    def _fix(self, rows: GnssRows, epoch: int, par: Parameters) -> Fix | None:
+        return fix_epoch(rows, epoch, par, self.setup.ties, self.setup.config.start.max_gdop)
 
     def _without_rates(
         self, bank: Bank, imu: ImuSamples, fix: Fix | None, t_ns: int, par: Parameters

@@ -34,8 +34,6 @@ from insgnss.filter.diagnosis.supposed_faults import (
     EITHER,
     EITHER_OR_LAPSE,
     EITHER_OR_SHOCK,
-    GNSS_TAGS,
-    IMU_TAGS,
     LAPSE,
     NOISE,
     NOISE2,
@@ -43,6 +41,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SATELLITES,
     SENSORS,
     SHOCK,
+    TAGS,
     quiet,
     with_errors_that_last,
     with_fault,
@@ -366,7 +365,7 @@ class Hindsight:
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""
-        if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+        if verdict.suspect in TAGS:
             return verdict
         if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:
             return None

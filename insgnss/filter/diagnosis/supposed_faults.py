@@ -20,6 +20,7 @@ from insgnss.tables import Float64
 
 EITHER = "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+TAGS: Final = (IMU_TAGS, GNSS_TAGS)
 RATES = "range rates"  # of all satellites
 FURTHER_SENSOR = "further sensor"
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed

@@ -46,6 +46,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
     SHOCK,
     SURE,
+    TAGS,
 )
 from insgnss.filter.diagnosis.tag_faults import other_imu_tags, other_tags
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
@@ -239,7 +240,7 @@ def judge(
         verdict = _filter_of(chosen, again)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect not in (GNSS_TAGS, IMU_TAGS))
+        return verdict, past.after_verdict(chosen.suspect not in TAGS)
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
@@ -285,9 +286,7 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
-    late = first.suspect in (*SENSORS, SATELLITES, RATES, FURTHER_SENSOR) and past.tags_were_off(
-        _TAGS_LAST_NS
-    )
+    late = first.suspect not in TAGS and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -13,12 +13,12 @@ from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO
 from insgnss.filter.diagnosis.supposed_faults import (
     EITHER,
     FURTHER_SENSOR,
-    GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
     RATES,
     SATELLITES,
     SHOCK,
+    TAGS,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
@@ -39,7 +39,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         names = _names(verdict.satellites)
         detail = f"{names}: code and Doppler drift away from those of all others; left out, the last minute recomputed"
         return Event(t_ns, "satellite_suspect", detail)
-    if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+    if verdict.suspect in TAGS:
         late = "inertial" if verdict.suspect == IMU_TAGS else "GNSS"
         size = abs(verdict.size)
         sign = "late" if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else "early"
@@ -57,10 +57,10 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
     if verdict.suspect == FURTHER_SENSOR:
         late = f"its readings are about {abs(verdict.size):.1f} s {'late' if verdict.size > 0.0 else 'early'}"
         what = late if verdict.size else "its errors are larger than its sigma"
-        used = "is no longer used" if verdict.size else "is not used until it agrees"
+        until = "" if verdict.size else " until it agrees"
         detail = (
             f"'{verdict.kinds[0]}' contradicts the satellites and the inertial sensors: {what}; the last minute is"
-            f" recomputed without it, and it {used}; check its time, unit, sign, axes and sigma"
+            f" recomputed without it, and it is left out{until}; check its time, unit, sign, axes and sigma"
         )
         return Event(t_ns, "rows_contradict", detail)
     if verdict.suspect in (LAPSE, SHOCK):

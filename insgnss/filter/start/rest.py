@@ -112,7 +112,7 @@ def _explained(window: AlignmentWindow, sensor: SensorModel) -> float:
 
 
 def _largest_usual(config: FilterConfig, grade: ImuGrade) -> float:
-    """Return what a gyro of the grade may read at rest [rad/s]."""
+    """Return the reading up to which a vehicle may stand even if vibration hides what gravity does [rad/s]."""
     return math.radians(config.start.rest_rate_degps + 3.0 * grade.gyro_bias_deg_per_h / 3600.0)
 
 
