@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 import insgnss
 from insgnss.config.library import imu_grade
+from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.runs.result import Run
 from insgnss.simulation.course import ManoeuvreSequence, smoothstep
 from insgnss.simulation.sample_trajectories import AIRFIELD, car
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.tables import ImuTable
+from insgnss.tables import Float64, ImuTable
 from tests.runs.files import write_flight
 from tests.runs.scenes import (
     START_NS,
@@ -312,8 +313,12 @@ def spinning(rate_degps: float, duration_s: float) -> Trajectory:
     straight = ManoeuvreSequence(200.0).hold(duration_s).lay(*AIRFIELD, 10.0, knot_s=0.1)
     t = np.arange(straight.first_s, straight.last_s, 0.005)
     rate = np.radians(rate_degps) * smoothstep((t - 20.0) / 10.0)
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-    motion = straight.motion(t)
+    return rolled(straight, t, np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))]))
+
+
+def rolled(course: Trajectory, t: Float64, angle: Float64) -> Trajectory:
+    """Return a course with a roll ``angle`` [rad] at times ``t`` on top."""
+    motion = course.motion(t)
     roll = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0]))
     return Trajectory.from_knots(t, motion.r_e, Rotation.from_matrix(motion.C_eb) * roll)
 
@@ -323,6 +328,35 @@ def test_spin_is_followed(rate_degps: float) -> None:
     run = replayed(flight(simulator(spinning(rate_degps, 60.0), 60.0, imu_rate_hz=400.0)))
     assert "reset" not in kinds(run)
     assert_honest(run, 0.0)
+
+
+@pytest.mark.parametrize("limit_degps", [60.0, 100.0])
+def test_roll_beyond_the_gyros_range_is_in_the_sigma(limit_degps: float) -> None:
+    """270 deg in 4 s, 127 deg/s at most. Unknown motion of 20 deg/s for 2 s was up to 10 sigma of roll."""
+    course = ManoeuvreSequence(60.0).turn(90.0, 30.0).hold(60.0).lay(*AIRFIELD, 10.0, knot_s=0.1)
+    t = np.arange(course.first_s, course.last_s - 0.01, 0.01)
+    rolls = simulator(rolled(course, t, np.radians(270.0) * smoothstep((t - 50.0) / 4.0)), 75.0)
+    drawn, limit = rolls.draw(np.random.default_rng(3)), np.radians(limit_degps)
+    assert np.abs(drawn.imu.w_ib_b).max() > np.radians(120.0)
+    clipped = dataclasses.replace(drawn.imu, w_ib_b=np.clip(drawn.imu.w_ib_b, -limit, limit))
+    run = insgnss.replay(flight(rolls, drawn, imu=clipped), output=20.0)
+    assert "imu_sensor_out" in kinds(run)
+    assert_honest(run, 0.0)
+
+
+@pytest.mark.parametrize("limit_g", [10.0, 20.0, 25.0])
+def test_catapult_beyond_the_accelerometers_range_is_in_the_sigma(limit_g: float) -> None:
+    """60 m/s within 0.45 s: up to 35 m/s are not seen. At 4 m/s^2 the yaw was 29 sigma, the position 161 m off."""
+    course = ManoeuvreSequence(20.0).turn(90.0, 20.0).hold(20.0).change_speed(80.0, 0.45).hold(10.0)
+    course.turn(90.0, 30.0).hold(10.0)
+    catapult = simulator(course.lay(*AIRFIELD, 10.0, knot_s=0.02), course.clock_s, imu_rate_hz=200.0)
+    drawn, limit = catapult.draw(np.random.default_rng(2)), limit_g * STANDARD_GRAVITY_MPS2
+    assert np.abs(drawn.imu.f_b).max() > 25.0 * STANDARD_GRAVITY_MPS2
+    clipped = dataclasses.replace(drawn.imu, f_b=np.clip(drawn.imu.f_b, -limit, limit))
+    run = replayed(flight(catapult, drawn, imu=clipped))
+    assert "imu_sensor_out" in kinds(run)
+    assert_honest(run, 0.0)
+    assert position_error_m(after(run, course.clock_s - 10.0)).max() < 3.0
 
 
 # ------------------------------------------------------------------------------------------------ from files

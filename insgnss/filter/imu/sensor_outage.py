@@ -26,6 +26,7 @@ AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, 
 MOTION_TIME_S: Final = 2.0
 OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at least: 10 deg/s, 2 m/s^2
 SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
+SLOPE_S: Final = 0.05  # over which the slope at the end of the range is found: longer than vibration
 
 
 @kernel(inline=True)
@@ -131,11 +132,52 @@ def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
 
 
 @kernel(inline=True)
+def note_lately(s: ScreenRecord, x: Float64, dt: float) -> None:
+    """Let the mean of the last samples follow, of each axis that is not out."""
+    share = min(dt / SLOPE_S, 1.0) if s.n > 0 else 1.0
+    for axis in range(6):
+        if s.out[axis] == 0:
+            s.lately[axis] += share * (x[axis] - s.lately[axis])
+
+
+@kernel(inline=True)
+def note_slope(s: ScreenRecord, x: Float64, axis: int) -> None:
+    """Keep the slope with which an axis goes beyond its range, the steepest of its sensor."""
+    sensor = axis // 3
+    s.slope[sensor] = max(s.slope[sensor], abs(x[axis] - s.lately[axis]) / max(SLOPE_S, s.step))
+
+
+@kernel(inline=True)
+def beyond_range(s: ScreenRecord, sensor: int) -> float:
+    """Return the sigma of what a saturated sensor does not show of its motion [rad/s] or [m/s^2].
+
+    Equation: e = w' t / 2 at the time t after it left its range with the slope w'; the range itself at most. Motion
+    w' t (1 - t / D) that is back after D hides the integral w' D^2 / 6; that of e is w' D^2 / 4
+    """
+    largest = s.range[sensor] if s.range[sensor] < math.inf else s.largest[sensor]
+    excess: float = min(0.5 * s.slope[sensor] * s.out_s[sensor], largest)
+    return excess
+
+
+@kernel(inline=True)
 def unknown_density(s: ScreenRecord, sensor: int, variance: float) -> float:
     """Return the density with which the unknown motion enters angle or velocity [rad^2/s] or [m^2/s^3].
 
     Equation: 2 sigma^2 T (1 - exp(-t/T))^2 of a Gauss-Markov rate that was known at t = 0
     """
-    grown = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
-    density: float = 2.0 * variance * MOTION_TIME_S * grown * grown
+    density: float = 2.0 * variance * MOTION_TIME_S * grown2(s, sensor)
     return density
+
+
+@kernel(inline=True)
+def lever_density(s: ScreenRecord, variance: float) -> float:
+    """Return the density of the velocity that an unknown rate gives the antenna at its lever arm [m^2/s^3]."""
+    density: float = variance * grown2(s, 0) * s.lever2 / MOTION_TIME_S
+    return density
+
+
+@kernel(inline=True)
+def grown2(s: ScreenRecord, sensor: int) -> float:
+    """Return the share of its variance that an unknown motion has reached since the sensor is out."""
+    grown: float = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
+    return grown * grown
