@@ -16,7 +16,14 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
-from insgnss.filter.diagnosis.inertial_credit import TRY_AGAIN, InertialCredit
+from insgnss.filter.diagnosis.inertial_credit import (
+    CALM,
+    DISTRUSTED_RESTART,
+    NEVER_NS,
+    TRUSTED,
+    TRY_AGAIN,
+    InertialCredit,
+)
 from insgnss.filter.diagnosis.jumps import GYRO
 from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import FilterHistory
@@ -30,8 +37,8 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import SENSORS, TAGS
-from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
+from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, SENSORS, TAGS
+from insgnss.filter.diagnosis.suspects import calmed, judge, left_out, run_away
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
     STUCK_RATES,
@@ -55,6 +62,7 @@ from insgnss.tables import Event
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
+_SOUND_NS = 20 * NS_PER_S  # before noise began; after less the attitude was found by such samples
 _RATES_LOOK_NS = 5 * NS_PER_S
 _NO_VELOCITY_NS = 600 * NS_PER_S  # for which rates that agree on none stay out: a wrong wavelength lasts
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
@@ -102,7 +110,7 @@ class FilterHealth:
         """Return up to which epoch the filter may run before its health is checked."""
         if self.doubt is not None:
             return epoch + 1
-        due_ns = self.credit.retry_ns
+        due_ns = min(self.credit.retry_ns, self._look_ns(bank))
         if len(bank.state) > 1:
             due_ns = min(due_ns, self.rates_look_ns)
         if self.past.banks or len(bank.state) == 1:
@@ -113,7 +121,7 @@ class FilterHealth:
 
     def is_due(self, bank: Bank, code: int, t_ns: int) -> bool:
         """Return whether the loop, stopped with ``code``, calls for a look at what has failed or has recovered."""
-        if code == SUSPICION or t_ns >= self.credit.retry_ns:
+        if code == SUSPICION or t_ns >= min(self.credit.retry_ns, self._look_ns(bank)):
             return True
         return code == DONE and self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
@@ -126,6 +134,8 @@ class FilterHealth:
         if t_ns >= self.credit.retry_ns:
             self.credit.try_again(t_ns)
             return Remedy(bank, [], TRY_AGAIN)
+        if t_ns >= self._look_ns(bank):
+            return self._look_for_calm(bank, imu, t_ns, parameters)
         if int(bank.state[0].stuck_since_ns) == t_ns:
             return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
         if bank.head[0].heading_open == 1:
@@ -145,7 +155,14 @@ class FilterHealth:
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
             return Remedy(bank, self._creeping(bank, t_ns) if news else [])
-        event = verdict_in_words(t_ns, was[0], verdict)
+        if verdict.suspect == INERTIAL_NOISE:
+            lasts = verdict.onset_ns - int(was[0].head[0].now_ns) < _SOUND_NS
+            self.credit.found_noise(t_ns, float(verdict.bank.state[0].noise_excess), lasts)
+            event = self.credit.event(t_ns, parameters[0], found=True)
+            if lasts:
+                return Remedy(bank, [event], DISTRUSTED_RESTART)
+        else:
+            event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
         verdict.bank.head[:] = bank.head
@@ -154,16 +171,31 @@ class FilterHealth:
             kinds = [kind for kind in self.setup.own.kinds if kind.name in verdict.kinds]
             leave_out(verdict.bank.head[0], kinds, for_good=verdict.size != 0.0)
         self.doubt = None
-        if verdict.suspect in SENSORS:
+        if verdict.suspect in SENSORS and verdict.suspect != INERTIAL_NOISE:
             par, db2 = parameters[0], sum(moved * moved for moved in verdict.moved)
             density = par.gyro_density if verdict.suspect == GYRO else par.accel_density
             if self.credit.is_lost_by_jump(t_ns, db2, density):
                 return self._distrust(bank, [event], t_ns, par)
         return Remedy(verdict.bank, [event])
 
+    def _look_ns(self, bank: Bank) -> int:
+        """Return when it is asked whether the inertial samples are as good as their grade again."""
+        return self.credit.look_ns if len(bank.state) == 1 else NEVER_NS
+
+    def _look_for_calm(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
+        """Return to the noise of the grade if it explains the last minute again."""
+        verdict, self.past = calmed(self.past, self.setup, imu, parameters)
+        if verdict is None:
+            self.credit.look_later(t_ns)
+            return Remedy(bank, [])
+        self.credit.try_again(t_ns)
+        verdict.bank.head[:] = bank.head
+        verdict.bank.head["renewed_ns"] = t_ns
+        return Remedy(verdict.bank, [Event(t_ns, TRUSTED, CALM)])
+
     def _distrust(self, bank: Bank, events: list[Event], t_ns: int, par: Parameters) -> Remedy:
         """Restart with noise that explains the sensors' failures."""
-        return Remedy(bank, [*events, self.credit.event(t_ns, par)], "the inertial sensors are distrusted")
+        return Remedy(bank, [*events, self.credit.event(t_ns, par)], DISTRUSTED_RESTART)
 
     def recover(
         self,

@@ -35,14 +35,15 @@ from insgnss.filter.diagnosis.supposed_faults import (
     EITHER_OR_LAPSE,
     EITHER_OR_SHOCK,
     LAPSE,
-    NOISE,
-    NOISE2,
     RATES,
+    RISEN2,
     SATELLITES,
     SENSORS,
     SHOCK,
+    SURE,
     TAGS,
     quiet,
+    together,
     with_errors_that_last,
     with_fault,
     without,
@@ -66,11 +67,6 @@ from insgnss.filter.update.satellite_memory import LEFT_OUT_S, RATE, RATE_S, RAT
 from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_epochs
 
-_TOGETHER: Final = {
-    EITHER: (ACCELEROMETER, GYRO),
-    EITHER_OR_SHOCK: (ACCELEROMETER, GYRO, SHOCK),
-    EITHER_OR_LAPSE: (ACCELEROMETER, GYRO, LAPSE),
-}
 # how long ago the fault may have begun
 _ONSETS_S: Final = (*range(2, 11), 12, 15, 18, 22, 26, 32, 40, 50)
 _APART_S: Final = 1.0  # from an onset to the next
@@ -159,7 +155,7 @@ class Hindsight:
         """
         verdicts = self._over_onsets(suspect, widths, 0.0)
         best = max(map(_log_likelihood, verdicts), default=-math.inf)
-        jumps = not {ACCELEROMETER, GYRO}.isdisjoint(_together(suspect))
+        jumps = not {ACCELEROMETER, GYRO}.isdisjoint(together(suspect))
         if not jumps or best < self.as_it_was + CLEAR:
             return verdicts
         between = self._over_onsets(suspect, widths, _APART_S)
@@ -209,18 +205,23 @@ class Hindsight:
 
     def from_onset(self, suspect: str, bank: Bank, widths: Widths, later_s: float) -> Verdict | None:
         """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
+        levels = RISEN2.get(suspect, (1.0,))
         each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
-        for risen2 in NOISE2 if suspect == NOISE else (1.0,):
+        for risen2 in levels:
             faulty = bank
-            for part in _together(suspect):
+            for part in together(suspect):
                 faulty = with_fault(faulty, self.setup, part, widths.get(part), earlier, later_s, risen2)
             verdict = self.verdict(suspect, faulty, self.stretches)
-            if verdict is not None:
-                each.append(verdict)
+            if verdict is None:
+                continue
+            each.append(verdict)
+            if len(each) > 1 and each[-2].fits and verdict.log_likelihood < each[-2].log_likelihood - SURE:
+                break  # a variance that is larger still only costs
         if not each:
             return None
-        mean = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each])) - math.log(len(each))
-        return max(each, key=lambda verdict: verdict.log_likelihood)._replace(log_likelihood=mean)
+        total = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each]))
+        best = max(each, key=lambda verdict: (verdict.fits, verdict.log_likelihood))
+        return best._replace(log_likelihood=total - math.log(len(levels)))
 
     def of_axes(self, verdict: Verdict, largest: Widths) -> list[Verdict]:
         """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""
@@ -378,11 +379,6 @@ class Hindsight:
             of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - KEPT_OUT_S
             of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + KEPT_OUT_S
         return verdict
-
-
-def _together(suspect: str) -> tuple[str, ...]:
-    """Return the faults that a suspicion supposes at once."""
-    return _TOGETHER.get(suspect, (suspect,))
 
 
 def _now_ns(bank: Bank) -> int:

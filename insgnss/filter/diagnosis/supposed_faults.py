@@ -29,18 +29,32 @@ LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 # once would look like a bias that jumps
 SHOCK = "shock"
 EITHER_OR_LAPSE, EITHER_OR_SHOCK = "either or a lapse", "either or a shock"
-SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE, SHOCK)
+# all inertial samples are far noisier than their grade: vibration, a grade that is too good, wrong units or axes
+INERTIAL_NOISE = "inertial noise"
+SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE, SHOCK, INERTIAL_NOISE)
+
+_TOGETHER: Final = {
+    EITHER: (ACCELEROMETER, GYRO),
+    EITHER_OR_SHOCK: (ACCELEROMETER, GYRO, SHOCK),
+    EITHER_OR_LAPSE: (ACCELEROMETER, GYRO, LAPSE),
+}
 
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 CLEAR: Final = 10.0 * SURE  # the same odds where what was seen for ten seconds counts once
-NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
+# by which a variance may have risen, all at once: of the satellites' rows, of the inertial samples
+RISEN2: Final = {NOISE: (9.0, 100.0), INERTIAL_NOISE: (1e2, 3e3, 1e5, 3e6, 1e8)}
 _FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 EARLIEST_S: Final = 90.0
 # sigmas of velocity [m/s] and attitude [rad] after wrong readings
 _LIE: Final = {LAPSE: (10.0, math.radians(10.0)), SHOCK: (1.0, 0.0)}
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
+
+
+def together(suspect: str) -> tuple[str, ...]:
+    """Return the faults that a suspicion supposes at once."""
+    return _TOGETHER.get(suspect, (suspect,))
 
 
 def with_fault(
@@ -55,7 +69,7 @@ def with_fault(
     """Return a copy of a filter to which the biases of a sensor are unknown, and stay what they are then found to be.
 
     Their jumps have the sigmas ``widths`` (3,) [rad/s] or [m/s^2]. After a lapse these are the states that the wrong
-    readings changed: attitude, velocity and position; of noise, its level, ``risen2`` times.
+    readings changed: attitude, velocity and position; of noise its level, ``risen2`` times the former or the grade's.
 
     The jump need not be at the bank: up to ``later_s`` after it, or, of a gyro, up to 90 s ``earlier``, as it does not
     show on a straight. Velocity or attitude differ by C b t then, t uniform in between. Neglects: by what the position
@@ -64,6 +78,9 @@ def with_fault(
     faulty_bank = copy_bank(bank)
     if suspect == NOISE:
         faulty_bank.state["noise_factor"][:, :CARRIER] *= risen2
+        return faulty_bank
+    if suspect == INERTIAL_NOISE:
+        faulty_bank.state["noise_excess"] = np.maximum(faulty_bank.state["noise_excess"], risen2)
         return faulty_bank
     if suspect == RATES:
         faulty_bank.state["rates_out_ns"] = _FOR_GOOD_NS

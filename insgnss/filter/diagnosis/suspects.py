@@ -38,6 +38,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     FURTHER_SENSOR,
     GNSS_TAGS,
     IMU_TAGS,
+    INERTIAL_NOISE,
     LAPSE,
     LOG_PRIOR,
     NOISE,
@@ -63,6 +64,7 @@ from insgnss.tables import Float64
 # as they like: the lie must have been a large one
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
+_ALL_AXES: Final = 3  # of a sensor, whose noise has risen
 _COARSE: Final = 3.0 * SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
@@ -86,8 +88,8 @@ def explanations(results: Iterable[Verdict], as_it_was: float) -> list[Explanati
             of[verdict.suspect, verdict.satellites, verdict.axes, verdict.kinds].append(verdict)
     ranked = []
     for (suspect, satellites, axes, _), verdicts in of.items():
-        large = suspect in _LARGE_LIES
-        prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
+        parts = _ALL_AXES if suspect == INERTIAL_NOISE else max(len(satellites), len(axes), 1)
+        prior = _PRIOR_OF_LARGE_LIES if suspect in _LARGE_LIES else LOG_PRIOR * parts
         verdicts.sort(key=_unknown)
         gain = prior + float(np.logaddexp.reduce(log_weights(verdicts))) - as_it_was
         ranked.append(Explanation(suspect, gain, _best(verdicts), tuple(verdicts)))
@@ -186,6 +188,23 @@ def run_away(
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
 
 
+def calmed(
+    past: FilterHistory, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+) -> tuple[Verdict | None, FilterHistory]:
+    """Return the filter that has had the grade's noise again for a minute, if that explains the minute far better."""
+    past, span = past.judged()
+    if span is None:
+        return None, past
+    again = Hindsight(past, setup, imu, parameters, span)
+    bank = again.oldest()
+    bank.state["noise_excess"] = 0.0
+    verdict = again.verdict(INERTIAL_NOISE, bank, again.stretches) if again.came_through else None
+    if verdict is None or not verdict.fits or verdict.log_likelihood < again.as_it_was + SURE:
+        return None, past
+    calm = again.to_the_end(verdict)
+    return (None, past) if calm is None else (calm, past.after_verdict(True))
+
+
 def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
     """Return the satellites that are left out at a time because they run away from the others."""
     until_s = bank.memory[0, :, LEFT_OUT_S]
@@ -197,7 +216,9 @@ def every_fault(again: Hindsight) -> list[Verdict]:
     # a sensor that is said to have no bias cannot have one that jumps
     jumps = [each for each in (ACCELEROMETER, GYRO) if bias_of(each, again.setup)[2].sigma > 0.0]
     with ThreadPoolExecutor(again.setup.threads) as pool:
-        sensors = [pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, NOISE, RATES)]
+        sensors = [
+            pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, INERTIAL_NOISE, NOISE, RATES)
+        ]
         others = [
             pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_tags, other_imu_tags)
         ]
@@ -291,14 +312,21 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:
-    """Return the common part of explanations: the only one, or the satellites or axes that are in all of them."""
+    """Return the common part of explanations: the only one, or the satellites or axes that are in all of them.
+
+    If noise of all inertial samples is the likeliest and the others are faults of inertial sensors, it is the noise.
+    """
+    if likely[0].suspect == INERTIAL_NOISE and all(each.suspect in SENSORS for each in likely):
+        return likely[0]
     parts = {id(each): _parts(each.best) for each in likely}
     common = frozenset.intersection(*parts.values())
     return next((each for each in likely if common and parts[id(each)] == common), None)
 
 
 def _with(chosen: Explanation, ranking: list[Explanation]) -> list[Explanation]:
-    """Return the explanations that contain the chosen fault."""
+    """Return the explanations that contain the chosen fault; noise explains what any inertial sensor does."""
+    if chosen.suspect == INERTIAL_NOISE:
+        return [each for each in ranking if each.suspect in SENSORS]
     return [each for each in ranking if _parts(chosen.best) <= _parts(each.best)]
 
 
