@@ -214,8 +214,10 @@ class Hindsight:
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is None:
                 continue
+            lower = verdict.log_likelihood < (each[-1].log_likelihood if each else self.as_it_was) - SURE
+            enough = not each or each[-1].fits
             each.append(verdict)
-            if len(each) > 1 and each[-2].fits and verdict.log_likelihood < each[-2].log_likelihood - SURE:
+            if lower and enough:
                 break  # a variance that is larger still only costs
         if not each:
             return None
