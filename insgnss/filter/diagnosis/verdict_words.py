@@ -40,12 +40,16 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         detail = f"{names}: code and Doppler drift away from those of all others; left out, the last minute recomputed"
         return Event(t_ns, "satellite_suspect", detail)
     if verdict.suspect in TAGS:
-        late = "inertial" if verdict.suspect == IMU_TAGS else "GNSS"
+        tags, others = ("inertial", "GNSS") if verdict.suspect == IMU_TAGS else ("GNSS", "inertial")
         size = abs(verdict.size)
-        sign = "late" if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else "early"
+        signs = (
+            ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
+        )
+        along_m = size * float(np.linalg.norm(was.state[0].v_e))
         detail = (
-            f"the {late} time tags are about {size:.2f} s {sign}: the residuals follow the motion;"
-            " the sigmas do not include it"
+            f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
+            " follow the motion; the sigmas do not include it. A lever arm that is wrong by"
+            f" {along_m:.1f} m along the way looks alike"
         )
         return Event(t_ns, "time_tag_suspect", detail)
     if verdict.suspect == RATES:
