@@ -206,7 +206,8 @@ class Hindsight:
     def from_onset(self, suspect: str, bank: Bank, widths: Widths, later_s: float) -> Verdict | None:
         """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
         levels = RISEN2.get(suspect, (1.0,))
-        each, earlier = [], _now_ns(bank) == _now_ns(self.before[0])
+        each: list[Verdict] = []
+        earlier = _now_ns(bank) == _now_ns(self.before[0])
         for risen2 in levels:
             faulty = bank
             for part in together(suspect):
@@ -214,16 +215,18 @@ class Hindsight:
             verdict = self.verdict(suspect, faulty, self.stretches)
             if verdict is None:
                 continue
-            lower = verdict.log_likelihood < (each[-1].log_likelihood if each else self.as_it_was) - SURE
-            enough = not each or each[-1].fits
+            before, fitted = (each[-1].log_likelihood, each[-1].fits) if each else (self.as_it_was, True)
             each.append(verdict)
-            if lower and enough:
+            if fitted and verdict.log_likelihood < before - SURE:
                 break  # a variance that is larger still only costs
         if not each:
             return None
-        total = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each]))
-        best = max(each, key=lambda verdict: (verdict.fits, verdict.log_likelihood))
-        return best._replace(log_likelihood=total - math.log(len(levels)))
+        mean = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each])) - math.log(
+            len(levels)
+        )
+        return max(each, key=lambda verdict: (verdict.fits, verdict.log_likelihood))._replace(
+            log_likelihood=mean
+        )
 
     def of_axes(self, verdict: Verdict, largest: Widths) -> list[Verdict]:
         """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""

@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.further_sensors import sensors_in_question, without_sensor, wrong_sensor
-from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
+from insgnss.filter.diagnosis.hindsight import NOISY, WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
@@ -57,7 +57,7 @@ from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, joined_banks, select_members
 from insgnss.filter.update.satellite_memory import LEFT_OUT_S
-from insgnss.gnss.observation_rows import N_BANDS
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS
 from insgnss.tables import Float64
 
 # A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
@@ -299,14 +299,17 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     """Return whether the best explanation is not credible.
 
     Rows that contradict each other do not mean a sensor fault, nor a fault of the range rates alone if the pseudoranges
-    do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
-    much. Nor is what late tags have done to the filter a fault of anything else.
+    do so, too; nor do reflections mean that the inertial samples are noisy. Nor is a sensor at fault where few
+    satellites explain nearly as much: a bias that is unknown explains much. Nor is what late tags have done to the
+    filter a fault of anything else.
     """
     first = ranking[0]
     least = max(SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
+    street = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
+    noise = noise or (street and first.suspect == INERTIAL_NOISE)
     late = first.suspect not in TAGS and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
