@@ -52,6 +52,29 @@ def test_first_motion_refutes_a_heading_that_is_wrong_from_the_start(wrong: str)
     assert (rows["status"] == "contradicts").all() and len(rows) > 150
 
 
+# that the size of its horizontal field does not show: the heading is mirrored, or turned by 180 deg
+AXES = {
+    "two columns exchanged": [[0, 1, 0], [1, 0, 0], [0, 0, 1]],
+    "one sign": [[-1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "all signs": [[-1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_first_motion_refutes_a_magnetometer_of_wrong_axes(axes: str) -> None:
+    """At rest it leaves headings a few degrees apart; the alternatives are there when the car pulls away."""
+    flight = flown(with_sensors(city_car(60.0), [simulated("magnetometer", rate_hz=2.0)]), 81)
+    (table,) = flight.logs.sensors
+    turned = replace(table, values=table.values @ np.array(AXES[axes], np.float64).T)
+    run = insgnss.replay(replace(flight, logs=replace(flight.logs, sensors=(turned,))), output=1.0)
+    (restart,) = run.events.query("kind == 'restart'").itertuples()
+    assert restart.time_s < START_S + MOVES_S and "contradict 'magnetometer'" in restart.detail
+    assert run.errors is not None
+    late = run.errors[run.errors["time_s"] > START_S + MOVES_S]
+    assert (late["d_yaw_deg"] / late["sd_yaw_deg"]).abs().max() < 5.0
+    assert np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).max() < 5.0  # it was 21 to 41 m
+
+
 @pytest.mark.parametrize("kind", ["heading", "attitude", "magnetometer"])
 @pytest.mark.parametrize("noise_time_s", [0.0, 20.0])
 def test_sound_headings_are_not_refuted(kind: str, noise_time_s: float) -> None:

@@ -9,7 +9,9 @@ It does not change the filter itself by a bit.
 
 A heading that a sensor has given or decided is validated in the same way: a compass beside steel, two antennas that are
 exchanged, degrees for radians, a wheel speed that is late. There the alternatives do not use the sensor. If they take
-the filter's place, it is left out until it agrees with them.
+the filter's place, it is left out until it agrees with them. The validation begins when the heading is known, also with
+several hypotheses of it left: the alternatives must be there before the first motion, which refutes a wrong heading in
+seconds, and which the filter would otherwise explain by biases and hard iron.
 
 A start may also be wrong in its position or velocity alone. The alternative of the same heading shows that: it gains as
 all others do, but it has the given attitude, and the filter corrects its position by itself.
@@ -122,8 +124,8 @@ class StartValidation:
         if t_ns < self.look_ns:
             return None
         self.look_ns = t_ns + _PERIOD_NS
-        if not self.is_given and len(bank.state) != max(self.n_given, 1):
-            self.over = self.bank is not None  # before, the sensor has not decided yet
+        if not self.is_given and self._is_undecided(bank):
+            self.over = self.bank is not None
             return None
         self.since_ns = self.since_ns or t_ns
         if self.bank is None:
@@ -146,6 +148,12 @@ class StartValidation:
             return self.end_with_alternatives()
         self._thin_out()
         return None
+
+    def _is_undecided(self, bank: Bank) -> bool:
+        """Return whether the sensor has not decided on a heading yet, or the filter has opened others since."""
+        if self.bank is None:
+            return len(bank.state) > 1 and bool(bank.head[0].heading_open)
+        return len(bank.state) > self.n_given
 
     def epoch_after_look(self, rows: GnssRows, epoch: int, last: int) -> int:
         """Return up to which epoch the filter may run before it is to be asked again."""
