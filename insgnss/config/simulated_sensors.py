@@ -64,7 +64,9 @@ class SimulatedMagnetometer(SimulatedSensorLog):
     declination_sigma_deg: Positive = 0.5
     horizontal_ut: Positive = 20.0
     horizontal_share: Positive = 0.02
-    down_ut: float = 43.0
+    down_ut: float | None = Field(
+        None, description="vertical part of the field [uT]; default: 43 down in the north, up in the south"
+    )
     noise_ut: Positive = 0.5
     hard_iron_sigma_ut: Positive = 1.0
 

@@ -19,12 +19,14 @@ from scipy.spatial.transform import Rotation
 from insgnss.config import simulated_sensors as told
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.geodesy.local_level import geodetic, ned_axes
+from insgnss.geodesy.magnetic_dipole import down_sign
 from insgnss.simulation.imu import gauss_markov
 from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.tables import Float64, SensorTable
 from insgnss.units import RAD_PER_DEG
 
 _M_PER_HPA: Final = 8.43  # of height in the standard atmosphere at sea level
+_USUAL_DOWN_UT: Final = 43.0
 
 
 class _Errors:
@@ -93,7 +95,9 @@ def _barometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64
 def _magnetometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     D = RAD_PER_DEG * (config.declination_deg + errors.once(config.declination_sigma_deg)[0])
     H = config.horizontal_ut * (1.0 + errors.once(config.horizontal_share)[0])
-    field_n = np.array([H * np.cos(D), H * np.sin(D), config.down_ut])
+    lat, lon, _ = geodetic(motion.r_e[:1])[0].tolist()
+    down = _USUAL_DOWN_UT * down_sign(lat, lon) if config.down_ut is None else config.down_ut
+    field_n = np.array([H * np.cos(D), H * np.sin(D), down])
     field_b = np.einsum("nji,j->ni", _attitudes(motion), field_n)
     iron = errors.once(config.hard_iron_sigma_ut, 3)
     return np.asarray(field_b + iron + errors.noise([config.noise_ut] * 3))
