@@ -14,6 +14,7 @@ from insgnss.log.checks.report import Finding
 from insgnss.log.checks.sensor_findings import (
     _heading,
     _LocalTrack,
+    _magnetometer,
     _SampledTrack,
     read_sensor_logs,
     sensor_findings,
@@ -123,8 +124,19 @@ def test_sensors_in_order_raise_no_warning(
         (
             "magnetometer",
             ('kind = "magnetometer"', 'kind = "magnetometer"\naxes = ["+x", "-y", "-z"]'),
-            "sign or axes",
+            'axes = ["+x", "+y", "+z"] fits',
         ),
+        (
+            "magnetometer",
+            ('kind = "magnetometer"', 'kind = "magnetometer"\ncolumns.field = ["mag_y", "mag_x", "mag_z"]'),
+            "its +y, +x, +z, which is left-handed: exchange two names in columns.field",
+        ),
+        (
+            "magnetometer",
+            ('kind = "magnetometer"', 'kind = "magnetometer"\nunit = "G"'),
+            "unit = 'uT' would fit",
+        ),
+        ("magnetometer", ('kind = "magnetometer"', 'kind = "magnetometer"\nunit = "mG"'), "unit = 'uT' fits"),
         ("heading", ('kind = "heading"', 'kind = "heading"\noffset_deg = 90.0'), "offset_deg"),
         ("attitude", ('kind = "attitude"', 'kind = "attitude"\nunit = "rad"'), "possible attitude"),
         ("position", ('kind = "position"', 'kind = "position"\ntime.offset_s = 2.0'), "add -2.0 s"),
@@ -163,6 +175,38 @@ def test_heading_turned_on_all_courses_is_the_devices(
     findings = _heading(config, track)
     assert [finding.severity for finding in findings] == ["warning" if warned else "ok"]
     assert ("magnetic north" in findings[0].line()) == warned
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_heading_in_radians_that_is_declared_in_degrees_is_named(turns: bool) -> None:
+    t_s = np.arange(120.0)
+    course = np.radians(3.0) * t_s if turns else np.full(120, 2.0)
+    v_n = 50.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros(120)])
+    place = np.tile([0.8, 0.1, 500.0], (120, 1))
+    config = declared(simulated("heading"), declination_deg=4.0)
+    for values in (np.radians(course % (2.0 * np.pi)), course):
+        read = values[:, None] + np.radians(4.0)  # as the reader adds the declination
+        findings = _heading(config, _SampledTrack(t_s, read, v_n, place, _LocalTrack(t_s, v_n, place)))
+        assert ("unit = 'rad' fits" in findings[0].line()) == (values is not course)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("lat", [0.82, -0.6])
+def test_vertical_field_that_points_the_wrong_way_is_told_at_rest_too(moves: bool, lat: float) -> None:
+    """The field points down in the north and up in the south."""
+    t_s = np.arange(120.0)
+    course = np.radians(3.0) * t_s
+    v_n = 10.0 * moves * np.column_stack([np.cos(course), np.sin(course), np.zeros(120)])
+    v_n += 0.02 * np.random.default_rng(5).standard_normal(v_n.shape)
+    place = np.tile([lat, 0.1, 500.0], (120, 1))
+    config = declared(simulated("magnetometer"), declination_deg=0.0)
+    Z = np.copysign(43.0, lat)
+    sound = np.column_stack([20.0 * np.cos(course), -20.0 * np.sin(course), np.full(120, Z)])
+    for axes, wrong in (((1.0, 1.0, 1.0), False), ((1.0, 1.0, -1.0), True)):
+        track = _SampledTrack(t_s, sound * axes, v_n, place, _LocalTrack(t_s, v_n, place))
+        told = " ".join(finding.line() for finding in _magnetometer(config, track))
+        assert ("the vertical field points" in told) == wrong
+        assert ("its +x, +y, -z, which is left-handed" in told) == (wrong and moves)
 
 
 def test_check_of_a_flight_looks_at_its_sensors(

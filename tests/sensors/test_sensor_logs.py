@@ -108,6 +108,35 @@ def test_bad_cells_are_kept_as_no_number_and_told_with_file_line_and_column(tmp_
     assert "log.csv:3, column 'pressure_hpa'" in bad.detail and "4 of 6" in bad.detail
 
 
+@pytest.mark.parametrize(
+    ("kind", "log", "unit", "fits"),
+    [
+        ("magnetometer", "time_s,mag_x,mag_y,mag_z\n1,21000,300,43000\n2,20000,-900,43000\n", "uT", "'nT'"),
+        ("heading", "time_s,heading_deg\n1,128.0\n2,127.5\n", "rad", "'deg'"),
+        ("barometer", "time_s,pressure_hpa\n1,101325\n2,101320\n", "hPa", "'Pa' or 'ft'"),
+    ],
+)
+def test_log_in_another_unit_is_an_error_that_names_the_unit(
+    tmp_path: Path, kind: str, log: str, unit: str, fits: str
+) -> None:
+    with pytest.raises(InputError, match=f"no row holds a possible {kind} reading") as refused:
+        read(tmp_path, log, kind, unit=unit)
+    assert f"unit = {fits} would fit" in str(refused.value)
+    some = (
+        log.replace("1,", "0,1,1,1\n1,", 1) if kind == "magnetometer" else log.replace("\n1,", "\n0,1\n1,", 1)
+    )
+    if kind != "barometer":
+        _, events = read(tmp_path, some, kind, unit=unit)
+        assert f"unit = {fits} would fit" in next(e.detail for e in events if e.kind == "sensor_bad_values")
+
+
+def test_glitches_do_not_speak_for_another_unit(tmp_path: Path) -> None:
+    rows = "".join(f"{second},{-5 if second == 7 else 1000}\n" for second in range(1, 21))
+    _, events = read(tmp_path, f"time_s,pressure_hpa\n{rows}", "barometer")
+    (bad,) = events
+    assert "1 of 20" in bad.detail and "would fit" not in bad.detail
+
+
 def test_rows_out_of_order_are_sorted_and_repeats_refused_with_an_event(tmp_path: Path) -> None:
     table, events = read(tmp_path, "time_s,speed\n2,2\n1,1\n2,9\n3,3\n", "odometer")
     assert table.values[:, 0].tolist() == [1.0, 2.0, 3.0]

@@ -16,8 +16,14 @@ from insgnss.config.sensors import Sensor, SpeedUnit
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.geodesy.local_level import geodetic, ned_axes
+from insgnss.geodesy.magnetic_dipole import EARTH_FIELD_UT, down_sign
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.gpstime import nearest
+from insgnss.log.checks.magnetic_field import (
+    fitting_axes,
+    fitting_units,
+    wrong_vertical,
+)
 from insgnss.log.checks.report import Finding, Severity, from_error, from_events
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.csv.columns import FileColumns
@@ -25,7 +31,7 @@ from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.imu.time import IMU_GAP_STEPS
 from insgnss.tables import Bool, Float64, ImuTable, SensorTable
-from insgnss.units import SI_PER_UNIT
+from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 _NOTICES: Final = frozenset({"columns_not_read", "csv_delimiter", "sensor_rows_without_reading"})
 _LEAST_POINTS: Final = 10
@@ -35,8 +41,8 @@ _SHIFTS_S: Final = np.arange(-30, 31) / 10.0
 _SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
 _LEAST_SHIFT_S: Final = 0.2
 _CLIMB_M: Final = 30.0  # least change of height that shows a barometer's slope
+_FITS: Final = 0.3  # of the angles against the course with what is declared
 _TURN_DEG: Final = 20.0  # a heading further from the course than a vehicle crabs
-_LEAST_FIELD_UT, _MOST_FIELD_UT = 18.0, 80.0  # the Earth's, and a fifth for iron on board
 _STRAIGHT_MPS2: Final = 1.0  # acceleration of a vehicle that banks by less than 6 deg
 _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0
@@ -190,9 +196,16 @@ def _barometer(config: Any, common: _SampledTrack) -> list[Finding]:
 
 
 def _heading_against_course(
-    config: Any, common: _SampledTrack, heading: Float64, declared: str, sigma_deg: float
+    config: Any,
+    common: _SampledTrack,
+    heading: Float64,
+    declared: str,
+    sigma_deg: float,
+    in_radians: Float64 | None = None,
 ) -> list[Finding]:
     """Compare headings with the course, ``sigma_deg`` that of a fixed turn as the flight file declares it.
+
+    ``in_radians`` are the headings if the log, declared in degrees, is in radians.
 
     Wind and current turn a vehicle by an angle that goes with the sine of its course: the mean over the courses is at
     most the largest angle times the mean of their unit vectors, none on a circle. What is more is the device's.
@@ -206,7 +219,10 @@ def _heading_against_course(
     text = f"{away:+.1f} deg against the course of GNSS, spread {spread:.1f} deg"
     crabs_deg = _TURN_DEG * float(abs(np.mean(np.exp(1j * course))))
     remarks, most_deg = [], min(_TURN_DEG, crabs_deg + 4.0 * sigma_deg + 2.0 * spread)
-    if reversed_spread < 0.3 * spread:
+    rms = float(np.hypot(away, spread))
+    if in_radians is not None and np.hypot(*_mean_turn(in_radians[moving] - course)) < _FITS * rms:
+        remarks.append("unit = 'rad' fits")
+    elif reversed_spread < _FITS * spread:
         remarks.append("it turns the other way: check its sign or axes")
     elif spread > 2.0 * _TURN_DEG:
         remarks.append("it does not follow the course: check its unit, axes and time")
@@ -224,7 +240,10 @@ def _mean_turn(turn: Float64) -> tuple[float, float]:
 
 def _heading(config: Any, common: _SampledTrack) -> list[Finding]:
     declared = "give it by offset_deg, or declination_deg where it is from magnetic north"
-    return _heading_against_course(config, common, common.values[:, 0], declared, config.offset_sigma_deg)
+    added = RAD_PER_DEG * (config.declination_deg + config.offset_deg)
+    heading = common.values[:, 0]
+    in_radians = (heading - added) / RAD_PER_DEG + added if config.unit == "deg" else None
+    return _heading_against_course(config, common, heading, declared, config.offset_sigma_deg, in_radians)
 
 
 def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -232,8 +251,10 @@ def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     if not good.any():
         return []
     track = _part(common, good)
+    heading = track.values[:, 2]
+    in_radians = heading / RAD_PER_DEG if config.unit == "deg" else None
     return _heading_against_course(
-        config, track, track.values[:, 2], "give it by mounting_rpy_deg", config.sigma_deg[2]
+        config, track, heading, "give it by mounting_rpy_deg", config.sigma_deg[2], in_radians
     )
 
 
@@ -251,8 +272,10 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     straight = np.hypot(acceleration[:, 0], acceleration[:, 1]) < _STRAIGHT_MPS2
     total = float(np.median(np.linalg.norm(m, axis=1)))
     remarks, text, findings = [], f"field {total:.1f} uT in all", []
-    if not _LEAST_FIELD_UT < total < _MOST_FIELD_UT:
-        remarks.append("the Earth's field is 22 to 67 uT: check its unit and calibration")
+    if not EARTH_FIELD_UT[0] < total < EARTH_FIELD_UT[1]:
+        units = " or ".join(f"'{unit}'" for unit in fitting_units(config, total))
+        remedy = f"unit = {units} fits" if units else "check its unit and calibration"
+        remarks.append(f"the Earth's field is 22 to 67 uT: {remedy}")
     if straight.sum() >= _LEAST_POINTS:
         level_track, level_m = _part(common, straight), m[straight]
         heading = np.arctan2(-level_m[:, 1], level_m[:, 0]) + np.radians(config.declination_deg)
@@ -262,8 +285,14 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
         findings = _heading_against_course(config, level_track, heading, declared, sigma_deg)
         level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))
         text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; {total:.1f} uT in all"
-        if not 0.5 < level / config.horizontal_ut < 2.0:
+        if not remarks and not 0.5 < level / config.horizontal_ut < 2.0:
             remarks.append("check its unit, axes and horizontal_ut")
+        sign = down_sign(*level_track.place[0, :2].tolist())
+        moving = level_track.speed > _MOVING_MPS
+        course = np.arctan2(level_track.v_n[:, 1], level_track.v_n[:, 0])
+        remarks += filter(None, [wrong_vertical(level_m, sign)])
+        if moving.sum() >= _LEAST_POINTS:
+            remarks += filter(None, [fitting_axes(config, level_m[moving], course[moving], sign)])
     return [*findings, _judged(config, text, remarks)]
 
 

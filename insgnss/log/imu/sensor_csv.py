@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from insgnss.config.sensors import (
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.geodesy.local_level import geodetic
+from insgnss.geodesy.magnetic_dipole import EARTH_FIELD_UT
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
 from insgnss.log.csv.columns import NOTHING_SHARED, ColumnSelection, FileColumns
@@ -38,7 +39,7 @@ from insgnss.tables import Event, Float64, Int64, SensorTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 _HPA_PER_UNIT: Final = {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0}
-_UT_PER_UNIT: Final = {"uT": 1.0, "nT": 1e-3, "mG": 0.1, "G": 100.0}
+UT_PER_UNIT: Final = {"uT": 1.0, "nT": 1e-3, "mG": 0.1, "G": 100.0}
 # beyond these, SI units or as in SensorTable, a reading is a fault of unit or sensor: per component, lowest and highest
 _POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
     "odometer": ((-350.0, 350.0),),
@@ -49,6 +50,7 @@ _POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
     "position": ((-1.5708, 1.5708), (-6.2832, 6.2832), (-1e4, 1e7)),
     "velocity": ((-2e4, 2e4),) * 3,
 }
+_MANY: Final = 0.1  # of the rows: fewer are glitches, not another unit
 _LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter the mean speed is not a reading
 
 
@@ -69,6 +71,7 @@ def read_sensor(
     """
     parts: list[tuple[Int64, Float64, Float64]] = []
     events: list[Event] = []
+    units = ""
     for path in config.files:
         elsewhere = shared.get(path, ())
         wanted = replace(_wanted(config), elsewhere=elsewhere)
@@ -80,14 +83,16 @@ def read_sensor(
         values = np.column_stack([table.column_or_nan(name) for name in config.value_columns])
         sigma = [table.column_or_nan(name) for name in config.sigma_columns]
         converted = _CONVERSIONS[type(config)](config, values)
-        events += table.events + later + _bad_values(config, table, converted)
+        bad = _bad_values(config, table, converted)
+        units = _fitting_units(config, values, converted)
+        events += table.events + later + [replace(event, detail=event.detail + units) for event in bad]
         parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
     t_ns, values, sigmas = (np.concatenate(each) for each in zip(*parts, strict=True))
     t_ns, order, reordered = each_time_once(t_ns, config.files[0], "sensor_time_order")
     readings = SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigmas[order]))
     if isinstance(config, Odometer) and config.metres_per_count is not None:
         readings = _speeds_of_counts(readings)
-    _require_readings(config, readings)
+    _require_readings(config, readings, units)
     return readings, events + reordered
 
 
@@ -125,7 +130,7 @@ def _barometer(config: Any, values: Float64) -> Float64:
 
 
 def _magnetometer(config: Any, values: Float64) -> Float64:
-    return np.asarray(_UT_PER_UNIT[config.unit] * values @ magnetometer_axes(config).T)
+    return np.asarray(UT_PER_UNIT[config.unit] * values @ magnetometer_axes(config).T)
 
 
 def _heading(config: Any, values: Float64) -> Float64:
@@ -176,6 +181,27 @@ def _si_sigma(config: Sensor, sigma: Float64) -> Float64:
         return np.asarray(np.where((scaled > 0.0) & (scaled < 1e6), scaled, np.nan))
 
 
+def _fitting_units(config: Sensor, values: Float64, converted: Float64) -> str:
+    """Return in words the other units that fit values of which many are impossible readings, else nothing."""
+    impossible = (np.isnan(converted) & np.isfinite(values)).any(axis=1)
+    if not impossible.any() or impossible.mean() < _MANY:
+        return ""
+    fields = type(config).model_fields
+    units = get_args(fields["unit"].annotation) if "unit" in fields else ()
+    fitting = [unit for unit in units if unit != getattr(config, "unit", "") and _fits(config, unit, values)]
+    return f"; unit = {' or '.join(map(repr, fitting))} would fit" if fitting else ""
+
+
+def _fits(config: Sensor, unit: str, values: Float64) -> bool:
+    """Return whether all values are possible readings in another unit, those of a magnetometer of the Earth's field."""
+    low, high = np.array(_POSSIBLE[config.kind]).T
+    converted = _CONVERSIONS[type(config)](config.model_copy(update={"unit": unit}), values)
+    if config.kind == "magnetometer":
+        size = float(np.nanmedian(np.linalg.norm(converted, axis=1)))
+        return EARTH_FIELD_UT[0] < size < EARTH_FIELD_UT[1]
+    return bool((np.isnan(values) | ((converted >= low) & (converted <= high))).all())
+
+
 def _bad_values(config: Sensor, table: CsvTable, values: Float64) -> list[Event]:
     """Set impossible values to NaN, in place, and return how many cells hold no reading and where the first is."""
     if not (isinstance(config, Odometer) and config.metres_per_count is not None):
@@ -205,14 +231,16 @@ def _speeds_of_counts(table: SensorTable) -> SensorTable:
     return SensorTable(table.name, table.t_ns[:-1] + step_ns // 2, speed[:, None], table.sigma[1:])
 
 
-def _require_readings(config: Sensor, table: SensorTable) -> None:
-    """Refuse a log without a single reading."""
-    if not np.isfinite(table.values).any():
+def _require_readings(config: Sensor, table: SensorTable, units: str) -> None:
+    """Refuse a log without a single reading; ``units`` says which would fit."""
+    if not np.isfinite(table.values).any() or (
+        config.kind == "magnetometer" and not np.isfinite(table.values).all(axis=1).any()
+    ):
         raise InputError(
             f"no row holds a possible {config.kind} reading",
             file=config.files[0],
             column=config.value_columns[0],
-            advice=f"check columns and unit of the sensor '{config.label}' in the flight file",
+            advice=f"check columns and unit of the sensor '{config.label}' in the flight file{units}",
         )
     given = config.sigma_m if isinstance(config, PositionSensor) else (0.0,)
     given = config.sigma_mps if isinstance(config, VelocitySensor) else given
