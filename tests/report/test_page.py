@@ -182,11 +182,21 @@ def test_protection_levels_stand_against_the_errors_and_those_beyond_are_counted
     horizontal = charts["chart-stanford"]["data"][0]
     below = unpacked(horizontal["x"]) > unpacked(horizontal["y"])
     assert below.sum() == 7
-    assert np.isnan(unpacked(charts["chart-protection-levels"]["data"][1]["y"])).all()
+    assert "An infinite level has no point: 300 rows." in page
+    over_time = charts["chart-protection-levels"]
+    assert np.isnan(unpacked(over_time["data"][1]["y"])).all()
+    assert over_time["layout"]["xaxis"]["anchor"] == "y2"  # below the last row, as in other charts
     assert (
         page.index("<td>G05</td>") < page.index("<td>G02</td>") < page.index("<td>G07</td>")
     )  # suspects first
     assert "integrity" not in Page(report_html(made_run())).ids
+
+
+def test_diagram_of_a_long_run_keeps_every_misleading_row() -> None:
+    charts = charts_of(report_html(with_levels(made_run(seconds=9000.0), 7)))
+    horizontal = charts["chart-stanford"]["data"][0]
+    x, y = unpacked(horizontal["x"]), unpacked(horizontal["y"])
+    assert (x > y).sum() == 7 and len(x) < 9000
 
 
 def test_levels_without_a_reference_are_shown_without_a_diagram() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from insgnss.report.charts import (
-    TIME_AXIS,
     Chart,
     ChartRows,
     Trace,
@@ -44,10 +43,12 @@ def section(run: Run) -> Section | None:
     if errors is not None and len(errors):
         charts.append(_diagram(errors))
         beyond = [int((errors[name] > errors[level]).sum()) for name, level in _LEVELS.items()]
+        unbounded = int((~np.isfinite(errors[list(_LEVELS.values())])).any(axis=1).sum())
         before = paragraphs(
             [
                 f"The error is beyond its protection level in {beyond[0]} (horizontal) and {beyond[1]} (vertical) of"
                 f" {len(errors)} rows inside the reference."
+                + (f" An infinite level has no point: {unbounded} rows." if unbounded else "")
             ]
         )
     names = ["fault", "separation_m", "axis", "time_s", "limit_m", "alert_rows"]
@@ -76,17 +77,18 @@ def _over_time(run: Run) -> Chart:
             row, line_trace(run.nav["time_s"].to_numpy(), values, f"{name} protection level", colour_of(row))
         )
         rows.kinds[row] = "log"
-    return rows.chart("chart-protection-levels", "Protection levels", showlegend=False, xaxis=TIME_AXIS)
+    return rows.chart("chart-protection-levels", "Protection levels", showlegend=False)
 
 
 def _diagram(errors: pd.DataFrame) -> Chart:
-    """Return the Stanford diagram of both levels."""
-    step = max(len(errors) // _POINTS, 1)
+    """Return the Stanford diagram of both levels; no misleading row is thinned out."""
+    one_of_many = np.arange(len(errors)) % max(len(errors) // _POINTS, 1) == 0
     traces: list[Trace] = []
     drawn = []
     for i, (name, level) in enumerate(_LEVELS.items()):
-        x = np.maximum(errors[name].to_numpy()[::step], _LEAST_M)
-        y = _finite(errors[level].to_numpy()[::step])
+        rows = errors[one_of_many | (errors[name] > errors[level]).to_numpy()]
+        x = np.maximum(rows[name].to_numpy(), _LEAST_M)
+        y = _finite(rows[level].to_numpy())
         traces.append(marker_trace(x, y, name, colour_of(i)))
         drawn += [x, y]
     values = np.concatenate(drawn)
