@@ -10,14 +10,18 @@ from __future__ import annotations
 
 from fnmatch import fnmatch
 from functools import cache
+from types import SimpleNamespace
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from tests.benchmarks.trust.expected import LATER, NOW
 from tests.benchmarks.trust.flying import fly
 from tests.benchmarks.trust.lines import LINES
+from tests.benchmarks.trust.page import Campaign, page
 from tests.benchmarks.trust.running import one
-from tests.benchmarks.trust.scoring import FAILED, Verdict, judged, needless
+from tests.benchmarks.trust.scoring import FAILED, Verdict, judged, judged_lines, needless
 from tests.benchmarks.trust.scoring import LINES as LINES_ROW
 from tests.benchmarks.trust.table import all_rows
 
@@ -59,6 +63,31 @@ def test_every_mark_names_checks_that_there_are() -> None:
 def test_marks_of_expected_failures_have_no_equal() -> None:
     marks = [(mark.rows, mark.checks) for mark in (*LATER, *NOW)]
     assert len(set(marks)) == len(marks)
+
+
+def test_errors_beyond_their_levels_are_counted_and_the_largest_is_kept() -> None:
+    """Horizontal errors of 5 m, vertical ones of 1 m; an infinite level is never exceeded."""
+    errors = pd.DataFrame({"time_s": np.arange(4.0), "d_n_m": 3.0, "d_e_m": 4.0, "d_d_m": -1.0})
+    nav = pd.DataFrame({"time_s": np.arange(4.0), "hpl_m": [10.0, 4.0, 2.5, np.inf], "vpl_m": 2.0})
+    flown = SimpleNamespace(run=SimpleNamespace(errors=errors, nav=nav))
+    found = {name: measure(flown) for name, measure in all_rows()["levels"].measures.items()}
+    assert found == {"rows": 4.0, "beyond_hpl": 2.0, "beyond_vpl": 0.0, "largest_h": 2.0, "largest_v": 0.5}
+
+
+def test_page_counts_the_errors_beyond_their_levels_over_all_runs() -> None:
+    row = all_rows()["levels"]
+    record = {
+        "error": "",
+        "rows": 510.0,
+        "beyond_hpl": 1.0,
+        "beyond_vpl": 0.0,
+        "largest_h": 1.25,
+        "largest_v": 0.5,
+    }
+    records = {row.name: [record | {"seed": float(seed), "took_s": 1.0} for seed in range(3)]}
+    lines = judged_lines((), {}, ())
+    text = page(Campaign([judged(row, records[row.name])], lines, records, range(3), 1.0, 1))
+    assert "| `levels` | no fault | 3 | 1530 | 3 | 0 | 1.25 | 0.50 |  | **FAILED** |" in text
 
 
 @pytest.mark.slow

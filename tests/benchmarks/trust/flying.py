@@ -129,7 +129,7 @@ def fly(row: Row, seed: int) -> Flown:
         case = row.spoil(case, origin_s, rng)
     flight = _flight(row, ready, case, seed)
     output = "gnss" if row.output is None else row.output
-    run = insgnss.replay(flight, settings=row.settings, output=output)
+    run = insgnss.replay(flight, settings=row.settings, output=output, integrity=row.integrity)
     return Flown(row, seed, run, ready, log, case, origin_s)
 
 

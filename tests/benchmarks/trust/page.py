@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.version import __version__
+from tests.benchmarks.trust.levels import BEYOND, LARGEST
 from tests.benchmarks.trust.measuring import Record
 from tests.benchmarks.trust.rows import ALL, BLOCKS, MOTION
 from tests.benchmarks.trust.scoring import (
@@ -44,7 +45,8 @@ class Campaign:
 def page(campaign: Campaign) -> str:
     """Return the page."""
     rows = campaign.verdicts
-    situations = [v for v in rows if not v.row.fault]
+    levels = [v for v in rows if v.row.integrity]
+    situations = [v for v in rows if not v.row.fault and not v.row.integrity]
     faults = [v for v in rows if v.row.fault]
     parts = [
         "# Trust campaign",
@@ -57,6 +59,7 @@ def page(campaign: Campaign) -> str:
         "## Faults",
         "Largest error over stated sigma from the fault on, over all runs. Above 5 the filter does not know its error.",
         _table(_FAULT_COLUMNS, (_fault_cells(v, campaign.records[v.row.name]) for v in faults)),
+        *_levels(levels, campaign.records),
         "## Checks outside their bounds",
         _table(("row", "check", "value", "bounds", "expected, because"), _failing([*rows, campaign.lines])),
         *_needless([*rows, campaign.lines]),
@@ -92,6 +95,22 @@ _FAULT_COLUMNS = (
     "events",
     "verdict",
 )
+_LEVEL_COLUMNS = (
+    *(
+        "row",
+        "fault",
+        "runs",
+        "epochs",
+        "error beyond HPL",
+        "beyond VPL",
+        "largest error over HPL",
+        "over VPL",
+    ),
+    *("events", "verdict"),
+)
+_LEVEL_WORDS = """\
+Epochs whose error is beyond its protection level, whether an alert was raised or not. The risk stated for an epoch is
+1e-7 without a fault, and that over the fault's probability with one: 1e-2 for a satellite, 0.1 for a constellation."""
 _NEES_WORDS = f"""\
 Mean over runs and axes of the squared error over sigma, at one instant of each run. The bounds are those of chi-square
 for that many independent runs ({100 * CONFIDENCE:g} %), with the axes taken as fully correlated. Values outside are
@@ -157,6 +176,29 @@ def _fault_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
         *(_number(_worst_of(records, window, block)) for block in MOTION),
         f"{sum(reported):.0f} of {len(reported)}" if reported else "",
         _count(records, "false_heading"),
+        _events(records),
+        _loud(verdict.word),
+    )
+
+
+def _levels(verdicts: Sequence[Verdict], records: Mapping[str, Sequence[Record]]) -> Iterator[str]:
+    if verdicts:
+        yield "## Protection levels"
+        yield _LEVEL_WORDS
+        yield _table(_LEVEL_COLUMNS, (_level_cells(v, records[v.row.name]) for v in verdicts))
+
+
+def _level_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
+    sound = [record for record in records if not record.get("error")]
+    rows, *beyond = (sum(float(record[key]) for record in sound) for key in ("rows", *BEYOND))
+    largest = (_number(max((float(record[key]) for record in sound), default=math.nan)) for key in LARGEST)
+    return (
+        f"`{verdict.row.name}`",
+        verdict.row.title,
+        str(verdict.runs),
+        f"{rows:.0f}",
+        *(f"{count:.0f}" for count in beyond),
+        *largest,
         _events(records),
         _loud(verdict.word),
     )

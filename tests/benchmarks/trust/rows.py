@@ -109,6 +109,7 @@ class Row:
     settings: Mapping[str, Any] = field(default_factory=dict)  # of the filter, by dotted key
     output: float | None = None  # rate of navigation rows; None: one for each epoch
     live: bool = False  # through the streaming engine
+    integrity: bool = False  # with protection levels
     times: int = 1  # as many runs as the campaign's seeds, times that
     fault: bool = False
     expected: tuple[Mark, ...] = ()  # given by the module of that name
