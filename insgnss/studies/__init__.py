@@ -21,6 +21,7 @@
 
     study = receiver_study("manoeuvring_5g", imu="industrial", cn0=[40, 30, 25, 20])
     study.summary, study.thresholds; study.figure(); study.save("out/")
+    receiver_study(**receiver_request("out/"))           # the saved study, flown again
 
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
@@ -47,6 +48,7 @@ from insgnss.studies.outage.windows import Removal
 from insgnss.studies.receiver.comparison import ReceiverStudy, receiver_study
 from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
 from insgnss.studies.receiver.options import ReceiverOptions
+from insgnss.studies.receiver.saved_request import receiver_request
 from insgnss.studies.receiver.slips import SlipRuns, slip_runs
 from insgnss.studies.receiver.variants import VARIANTS as RECEIVERS
 from insgnss.studies.receiver.variants import Variant
@@ -83,6 +85,7 @@ __all__ = [
     "masking_study",
     "monte_carlo",
     "outage_study",
+    "receiver_request",
     "receiver_study",
     "record_samples",
     "run_campaign",

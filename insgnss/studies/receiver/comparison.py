@@ -67,6 +67,7 @@ from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, Linear
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
+from insgnss.studies.receiver.saved_request import antenna_settings
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.saved_study import SavedStudy
 from insgnss.tracking.admissible import require_seed, seeded
@@ -81,7 +82,10 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True, repr=False)
 class ReceiverStudy(SavedStudy):
-    """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns."""
+    """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns.
+
+    ``receiver_request`` reads from a saved study the arguments that fly it again.
+    """
 
     PREFIX: ClassVar = "receiver_"
     TABLES: ClassVar = ("summary", "thresholds", "channels", "searches", "events", "epochs")
@@ -99,6 +103,8 @@ class ReceiverStudy(SavedStudy):
     epochs: pd.DataFrame
     asked: dict[str, Any]
 
+    motion: SimulationConfig
+    antennas: Installation | None
     def figure(self) -> Figure:
         """Return the picture: errors and share lost over C/N0, a line a receiver, with linear theory."""
         return pictures.error_figure(self.summary, self.thresholds, self._title())
@@ -114,7 +120,8 @@ class ReceiverStudy(SavedStudy):
         return pictures.channel_figure(self.epochs, self._title(), cycle_m)
 
     def _settings(self) -> Mapping[str, Any]:
-        return self.asked
+        motion = self.motion.model_dump(mode="json")
+        return self.asked | {"scenario_settings": motion, "antennas": antenna_settings(self.antennas)}
 
     def _title(self) -> str:
         imu = self.asked["imu"]
@@ -217,6 +224,8 @@ def receiver_study(
             "options": scene.options.told(),
         },
     )
+        scene.course.config,
+        antennas,
 
 
 def _linear_errors(
