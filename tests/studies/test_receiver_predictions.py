@@ -45,6 +45,16 @@ def test_delay_and_frequency_of_each_channel_are_as_far_off_as_its_covariance_sa
     assert low < squares[:, :, RANGE].mean() < high
 
 
+# the newest inertial sample, led on over half an integration at 5 g, is off by as much as the filter's range rates
+@pytest.mark.parametrize("name", ["one_stage", "optimal", "two_stage"])
+def test_range_rates_beside_a_good_oscillator_are_off_by_what_the_sample_led_on_leaves_too(name: str) -> None:
+    of = setting("coherent", True, 1.0)
+    runs = flown(of, VARIANTS[name], 43.0, 3, 51)
+    rate = np.sqrt(np.mean([(run.rms / run.predicted)[:, RATE] ** 2 for run in runs], axis=0))
+
+    assert rate == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_covariance_that_counts_the_same_information_twice_promises_too_much() -> None:
     of = setting("noncoherent", True, 100.0)
     runs = flown(of, VARIANTS["two_stage"], 22.0, 4, 51)

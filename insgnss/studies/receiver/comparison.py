@@ -18,7 +18,8 @@ have not settled within the first tenth of the average: it is below the steady v
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
 those of the replicas, ``range_predicted_m`` and ``rate_predicted_mps`` of the same by the covariance of the channel's
-own filter (of one stage by h P h^T of its filter), ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
+own filter (of one stage by h P h^T of its filter) and by what the newest inertial sample, led on, turned out to be off,
+``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
 error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
 filter is consistent, even if every run counted as one look.
 ``innovation_correlation`` is that of the ranges of successive updates, less the predicted ones: 0 of a filter whose
@@ -66,8 +67,8 @@ from insgnss.studies.receiver.flight import FlightRequest, ReceiverFlight, recei
 from insgnss.studies.receiver.linear_theory import NOTHING, LinearErrors, LinearTheory, threshold_table
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
-from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
 from insgnss.studies.receiver.saved_request import antenna_settings
+from insgnss.studies.receiver.tables import channel_rows, epoch_rows, event_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.saved_study import SavedStudy
 from insgnss.tracking.admissible import require_seed, seeded
@@ -102,9 +103,9 @@ class ReceiverStudy(SavedStudy):
     events: pd.DataFrame
     epochs: pd.DataFrame
     asked: dict[str, Any]
-
     motion: SimulationConfig
     antennas: Installation | None
+
     def figure(self) -> Figure:
         """Return the picture: errors and share lost over C/N0, a line a receiver, with linear theory."""
         return pictures.error_figure(self.summary, self.thresholds, self._title())
@@ -223,9 +224,9 @@ def receiver_study(
             "seed": seed,
             "options": scene.options.told(),
         },
-    )
         scene.course.config,
         antennas,
+    )
 
 
 def _linear_errors(

@@ -129,7 +129,7 @@ def run_receiver(
             if room.pulling[c] > 0:
                 count_from_nearest(channels, room, c)
             elif arriving.level[k, c] != NO_SIGNAL and not silent:
-                count_offset(receiver, room.offset, c, step, history)
+                count_offset(receiver, room.offset, c, step, (led_m, led_mps), history)
             observe_channel(
                 channels, arriving.level[k, c], inputs.level[k, c], room.offset, noise[k, c], room.seen
             )
@@ -247,9 +247,14 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 @kernel(inline=True)
 def count_offset(
-    receiver: ReceiverDesign, offset: Float64, c: int, step: int, history: ReceiverHistory
+    receiver: ReceiverDesign,
+    offset: Float64,
+    c: int,
+    step: int,
+    led: tuple[float, float],
+    history: ReceiverHistory,
 ) -> None:
-    """Count a channel's offset, and find out whether it is lost."""
+    """Count a channel's offset, and find out whether it is lost; ``led`` as in ``set_offsets``."""
     if history.lost_at[c] != HELD:
         return
     limits = receiver.limits
@@ -264,6 +269,8 @@ def count_offset(
         history.counted[c] += 1
         history.squares[c, 0] += offset[0] * offset[0]
         history.squares[c, 1] += offset[1] * offset[1]
+        history.led[c, 0] += led[0] * led[0]
+        history.led[c, 1] += led[1] * led[1]
 
 
 @kernel(apart=True)

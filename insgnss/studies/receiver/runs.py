@@ -120,7 +120,9 @@ class ReceiverRun:
 
     lost_s: Float64  # (m,) when each channel was lost, from the beginning; inf: held
     rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]
-    predicted: Float64  # (m, 2) the same by the covariance of the channel, or of one stage's filter
+    # (m, 2) the same by the covariance of the channel, or of one stage's filter, and by what is known of each replica
+    # later: by how much it was off as the newest inertial sample was led on, or set in steps
+    predicted: Float64
     error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
     sd: Float64  # (k, 11) sigmas of the filter
     nees: Float64  # (k,) of these errors, by the number of those that have a sigma
@@ -323,6 +325,7 @@ def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> Recei
         offsets=np.zeros((records, m, 2)),
         squares=np.zeros((m, 2)),
         counted=np.zeros(m, np.int64),
+        led=np.zeros((m, 2)),
         predicted=np.zeros((m, 3)),
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
@@ -355,7 +358,8 @@ def _run_of(
     """Return the statistics of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(history.squares / history.counted[:, None])
-        predicted = np.sqrt(history.predicted[:, :2] / history.predicted[:, 2:])
+        led = history.led / history.counted[:, None]
+        predicted = np.sqrt(history.predicted[:, :2] / history.predicted[:, 2:] + led)
     solved = _least_squares(setting, history)
     if variant.has_filter:
         estimated = ~np.isnan(error[0])

@@ -112,6 +112,7 @@ class ReceiverHistory(NamedTuple):
     covariance: Float64  # (k, 11, 11) of ``RECORDED``
     offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
     squares: Float64  # (m, 2) sums over the integrations that count
+    led: Float64  # (m, 2) sums of the same integrations: squares of what replicas were off by as they were led on
     counted: Int64  # (m,)
     # (m, 3) sums over the records that count: variances of range and rate that the receiver predicts, and their number
     predicted: Float64
