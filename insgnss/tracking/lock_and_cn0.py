@@ -125,6 +125,12 @@ def _grouped(values: Complex, block: int, blocks: int) -> Complex:
     return np.asarray(values[: count * size].reshape(count, blocks, block, *values.shape[1:]))
 
 
+def signal_of_moments(second: Float64, fourth: Float64) -> Float64:
+    """Return the signal's part P_s of the second moment of magnitudes; NaN where noise alone makes it imaginary."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(2.0 * second**2 - fourth))
+
+
 def moment_cn0_dbhz(prompt: Complex, integration_s: float, window: int) -> Float64:
     """Return C/N0 of each window [dBHz], (n // window, ...): second and fourth moment of the magnitude.
 
@@ -134,8 +140,8 @@ def moment_cn0_dbhz(prompt: Complex, integration_s: float, window: int) -> Float
     """
     power = np.abs(_windows(prompt, integration_s, window)) ** 2
     second, fourth = power.mean(axis=1), (power**2).mean(axis=1)
+    signal = signal_of_moments(second, fourth)
     with np.errstate(invalid="ignore", divide="ignore"):
-        signal = np.sqrt(2.0 * second**2 - fourth)
         return np.asarray(10.0 * np.log10(signal / (second - signal) / integration_s))
 
 

@@ -14,6 +14,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
 from insgnss.simulation.closed_loop_sky import LONGEST_LATENCY_S
+from insgnss.studies.receiver.estimated_cn0 import ESTIMATORS
 from insgnss.studies.receiver.imu import require_gaps
 from insgnss.studies.receiver.options import AVERAGED_S, LONGEST_WAIT_S, ReceiverOptions
 from insgnss.studies.receiver.phase_return import SURE_SIGMAS
@@ -62,6 +63,7 @@ def check_options(o: ReceiverOptions) -> None:
     if not isinstance(o, ReceiverOptions):
         raise ConfigError(f"{o!r} is not a set of options", key="options", advice="give ReceiverOptions(...)")
     require_truth_value(masking=o.masking, estimates_cn0=o.estimates_cn0)
+    require_known(o.cn0_estimator, ESTIMATORS, "cn0_estimator", "estimator of C/N0")
     values: Any
     for key, values in (("azimuth_deg", o.azimuth_deg), ("elevation_deg", o.elevation_deg)):
         if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
@@ -306,7 +308,8 @@ def unused_options(
     """Return by its key the error of each option that is set and that no receiver uses.
 
     These are settings of an inertial system where no receiver has one, a phase discriminator where no phase is tracked,
-    a spacing or a divergence of phase and code where no code is, and an interval where no receiver has a second stage.
+    a spacing or a divergence of phase and code where no code is, an interval where no receiver has a second stage, and
+    an estimator of C/N0 where it is known.
 
     Raises
     ------
@@ -327,6 +330,7 @@ def unused_options(
         "phase_kind": (coherent, "no receiver tracks the phase", 'give tracking = "coherent"'),
         "spacing_chips": (with_code or not coherent, "no receiver uses the code", add_code),
         "divergence_density": (with_code, "no receiver compares phase with code", add_code),
+        "cn0_estimator": (o.estimates_cn0, "the receivers know C/N0", "give estimates_cn0 = true"),
     }
     return {
         key: ConfigError(lacking, key=key, advice=f"{cure}, or leave out {key}")

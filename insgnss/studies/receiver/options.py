@@ -39,7 +39,8 @@ class ReceiverOptions:
     told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
     # channels of satellites that the antennas do not see at the filter's attitude are not used
     masking: bool = False
-    estimates_cn0: bool = False  # the receiver estimates C/N0 over the last second instead of knowing it
+    estimates_cn0: bool = False  # the receiver estimates C/N0 over up to a second instead of knowing it
+    cn0_estimator: str = "power"  # above the noise level, or "moments", which needs no noise level
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M

@@ -16,7 +16,7 @@ from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver.antennas import ReceiverMasking
-from insgnss.studies.receiver.estimated_cn0 import EstimatedCn0
+from insgnss.studies.receiver.estimated_cn0 import ESTIMATE_S, EstimatedCn0
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver.interval_noise import disturbed_states
 from insgnss.studies.receiver.loop import run_receiver
@@ -52,7 +52,7 @@ from insgnss.tracking.lock_and_cn0 import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, noise_count
 
-_BLOCK_S: Final = 0.5  # of integrations run at once, and between two estimates of C/N0
+_BLOCK_S: Final = 0.5  # of integrations run at once, unless C/N0 is estimated between them
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
 # singular value of the directions and the clock's column: below it errors of ranges count a hundredfold
 _LEAST_GEOMETRY: Final = 0.01
@@ -190,7 +190,7 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         (options.replica_step_m, options.replica_step_mps),
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
-    history = new_found(receiver, count, m, _block(truth))
+    history = new_found(receiver, count, m, _block(setting))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
     searches = Searches(channels, options.carrier_hz, m, setting.masking) if variant.has_filter else None
@@ -213,9 +213,10 @@ class _ReceiverWorkspace(NamedTuple):
     found: ReceiverHistory
 
 
-def _block(truth: ClosedLoopTruth) -> int:
+def _block(setting: Setting) -> int:
     """Return how many integrations are run at once."""
-    return max(round(_BLOCK_S / truth.step_s), 2)
+    block_s = ESTIMATE_S if setting.options.estimates_cn0 else _BLOCK_S
+    return max(round(block_s / setting.truth.step_s), 1)
 
 
 def _apart(variant: Variant, density: float, truth: ClosedLoopTruth, rng: np.random.Generator) -> Float64:
@@ -243,8 +244,8 @@ def _run_blocks(
     (count, m), truth, options = cn0.shape, setting.truth, setting.options
     receiver, channels, f, room, history = rooms
     # the C/N0 that the receiver takes for true
-    block, estimates, believed = _block(truth), [], cn0[0]
-    own = EstimatedCn0(channels, cn0[0], setting.least_cn0_dbhz)
+    block, estimates, believed = _block(setting), [], cn0[0]
+    own = EstimatedCn0(channels, cn0[0], setting.least_cn0_dbhz, options.cn0_estimator)
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = SignalArrivals._make(values[part] for values in arriving)
@@ -324,8 +325,8 @@ def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> Recei
         covariance=np.zeros((records, len(RECORDED), len(RECORDED))),
         offsets=np.zeros((records, m, 2)),
         squares=np.zeros((m, 2)),
-        counted=np.zeros(m, np.int64),
         led=np.zeros((m, 2)),
+        counted=np.zeros(m, np.int64),
         predicted=np.zeros((m, 3)),
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
