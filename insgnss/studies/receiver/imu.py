@@ -1,8 +1,14 @@
 """Inertial samples of a receiver study that are missing or saturated.
 
-While samples are missing the newest one is held. What the vehicle may do meanwhile, and in the axes of a sensor that is
-saturated, enters the filter as noise: white, of the density of the motion of a receiver without INS, 2 sigma^2 tau, as
-a replay bridges a gap. Over times shorter than the correlation time that is more than the motion itself.
+While samples are missing the newest one is held. Rate and force change meanwhile as Gauss-Markov processes. The
+difference from the held sample enters the filter as white noise whose integral has the same variance since the gap's
+begin, with a = t / tau
+
+    var = sigma^2 tau^2 [2 (a - 1 + e^-a) - 2 a (1 - e^-a) + a^2],    q(t) = d var / dt = 2 sigma^2 t (1 - e^-a)
+
+A tenth of a second leaves an angle of 0.7 deg (0.5 rad/s, 1 s) where white noise of the motion's density 2 sigma^2 tau
+would leave 13 deg, for which the filter's equations are not linear any more. The motion in the axes of a saturated
+sensor has that density, as the reading says nothing of it.
 """
 
 from __future__ import annotations
@@ -38,6 +44,13 @@ class UnknownMotion:
         """Return the density of the white acceleration that moves as far in the end [m^2/s^3]."""
         return 2.0 * self.sigma_mps2**2 * self.time_s
 
+    def density_since(self, held_s: Float64) -> Float64:
+        """Return the density of white noise that grows as the change since a sample was held does [m^2/s^3].
+
+        Equation: q(t) = 2 sigma^2 t (1 - exp(-t / tau))
+        """
+        return np.asarray(-2.0 * self.sigma_mps2**2 * held_s * np.expm1(-held_s / self.time_s))
+
 
 def with_gaps(
     aiding: InertialAiding,
@@ -60,9 +73,12 @@ def with_gaps(
     rate, force = aiding.rate_b[held], aiding.force_b[held]
     ahead = np.where(missing[:, None], 0.0, aiding.ahead_b)  # a replica is led on by the sample that is held
     densities = np.zeros((len(since_s), 2))
-    turning = 2.0 * TURNING[0] ** 2 * TURNING[1]
-    densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, RAD_PER_DEG), 0] = turning
-    densities[missing | _is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
+    turning = UnknownMotion(*TURNING)
+    densities[_is_full(rate, grade.gyro_range_deg_per_s, RAD_PER_DEG), 0] = turning.density
+    densities[_is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
+    since_held_s = (since_s - since_s[held])[missing]
+    for column, motion in enumerate((turning, unknown)):
+        densities[missing, column] = motion.density_since(since_held_s)
     return InertialAiding(rate, force, ahead), densities
 
 
