@@ -65,7 +65,8 @@ class SimulatedMagnetometer(SimulatedSensorLog):
     horizontal_ut: Positive = 20.0
     horizontal_share: Positive = 0.02
     down_ut: float | None = Field(
-        None, description="vertical part of the field [uT]; default: 43 down in the north, up in the south"
+        None,
+        description="vertical field [uT]; default: 43 north, -43 south of the magnetic equator, 0 near it",
     )
     noise_ut: Positive = 0.5
     hard_iron_sigma_ut: Positive = 1.0

@@ -6,7 +6,7 @@ from typing import Final
 
 import pandas as pd
 
-from insgnss.filter.diagnosis.inertial_credit import DISTRUSTED
+from insgnss.filter.diagnosis.inertial_credit import DISTRUSTED, TRUSTED
 from insgnss.tables import Event
 
 KIND: Final = "logs_contradict"
@@ -56,7 +56,7 @@ def contradiction(
     suspicions = int(events["kind"].isin(SUSPECTS).sum())
     if suspicions > MOST_SUSPICIONS:
         signs.append(f"it suspected the inertial sensors or the time tags {suspicions} times")
-    if (events["kind"] == DISTRUSTED).any():
+    if (events["kind"] == DISTRUSTED).sum() > (events["kind"] == TRUSTED).sum():
         signs.append("it no longer trusted the inertial samples")
     drifting, of = _most_drifting(measurements)
     if of >= LEAST_SATELLITES and drifting > MOST_DRIFTING * of:

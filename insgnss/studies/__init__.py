@@ -21,7 +21,7 @@
 
     study = receiver_study("manoeuvring_5g", imu="industrial", cn0=[40, 30, 25, 20])
     study.summary, study.thresholds; study.figure(); study.save("out/")
-    receiver_study(**receiver_request("out/"))           # the saved study, flown again
+    receiver_study(**receiver_request("out/"))           # repeats the saved study
 
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees

@@ -11,6 +11,7 @@ from insgnss.inertial.error_dynamics import COUPLING_DTYPE
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
 from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
 from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.receiver.estimated_cn0 import newest_moments
 from insgnss.studies.receiver.manoeuvring_covariance import Drive, carry_along
 from insgnss.studies.receiver.options import ReceiverOptions
 from insgnss.studies.receiver.runs import Setting, run_once
@@ -94,10 +95,22 @@ def closed_loops() -> list[np.ndarray]:
     return [*found, seen, both]
 
 
+def windows_of_power() -> list[np.ndarray]:
+    """Return the windows of four channels' powers, three of which change, and their moments."""
+    power = np.random.default_rng(6).exponential(2.0, (200, 4))
+    power[180:, 1] *= 5.0
+    power[40:, 2] *= 0.2
+    power[196:, 3] *= 8.0
+    count, moments = np.array([200, 200, 200, 60]), np.empty((2, 4))
+    newest_moments(power, 4, count, moments)
+    return [count, moments]
+
+
 CASES = [
     # an error is a sum over all integrations, so rounding of sin and cos adds up
     KernelCase("tests.kernels.studies:error_states", rtol=1e-9),
     KernelCase("tests.kernels.studies:covariance_along", rtol=1e-12),
     # positions of 6e6 m, whose rounding is 1e-9 of the errors
     KernelCase("tests.kernels.studies:closed_loops", rtol=1e-4),
+    KernelCase("tests.kernels.studies:windows_of_power", rtol=1e-12),
 ]

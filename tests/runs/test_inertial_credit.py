@@ -12,6 +12,7 @@ import pytest
 
 from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.health import FilterHealth, Remedy
 from insgnss.filter.diagnosis.inertial_credit import NEVER_NS, InertialCredit
 from insgnss.filter.engine import FilterEngine
 from insgnss.log.flight import FlightInMemory
@@ -96,6 +97,25 @@ def test_engine_gives_the_bits_of_replay_while_the_sensors_are_distrusted() -> N
     stream(engine, logs, no_delay())
     assert_same_bits(engine.take_results(all_of_them=True), logs, flown)
     assert "imu_distrusted" in {event.kind for event in engine.events}
+
+
+def test_second_look_that_restarts_the_filter_does_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It left the same filter in place, and the reset went on instead."""
+    monkeypatch.setattr(
+        FilterHealth, "_second_look", lambda health, bank, *rest: Remedy(bank, [], "second look")
+    )
+    run = replay(spoilt("rates of the other sign", 60.0, end_s=60.0))
+    restarts = run.events.loc[run.events["kind"] == "restart", "detail"]
+    assert restarts.str.startswith("second look").any()
+    assert "reset" not in set(run.events["kind"])
+
+
+def test_vibration_that_comes_and_goes_doubles_no_wait() -> None:
+    credit = InertialCredit()
+    for t_s in (0, 100, 200):
+        credit.found_noise(t_s * NS_PER_S, 1e4, False)
+        credit.trust_again((t_s + 60) * NS_PER_S)
+    assert (credit.excess, credit.wait_s, credit.look_ns) == (0.0, 300.0, NEVER_NS)
 
 
 def test_a_single_fault_is_no_reason_to_distrust_a_sensor() -> None:

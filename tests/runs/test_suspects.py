@@ -5,6 +5,7 @@ The flight is the sample flight, eleven satellites at most, with one fault at 50
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -270,7 +271,14 @@ def test_inertial_tags_that_are_50_ms_late_are_told() -> None:
     late = with_logs(imu=ImuTable(logs.imu.t_ns + 50_000_000, logs.imu.w_ib_b, logs.imu.f_b))
     run = insgnss.replay(replace(late, logs=shortened(late.logs, 300.0)))
     assert "inertial time tags" in told(run, "time_tag_suspect")[0]
-    assert "s late, or the GNSS tags early" in told(run, "time_tag_suspect")[0]
+    detail = told(run, "time_tag_suspect")[0]
+    late_s, along_m = map(
+        float, re.findall(r"about ([\d.]+) s late, or the GNSS.*error of ([\d.]+) m", detail)[0]
+    )
+    assert 0.02 < late_s < 0.15
+    at_s = run.events.loc[run.events["kind"] == "time_tag_suspect", "time_s"].iloc[0]
+    v = run.nav.loc[(run.nav["time_s"] - at_s).abs().idxmin(), ["vn_mps", "ve_mps", "vd_mps"]]
+    assert along_m == pytest.approx(late_s * float(np.linalg.norm(v.to_numpy(float))), rel=0.2)
     assert "sensor_suspect" not in set(run.events["kind"])
 
 

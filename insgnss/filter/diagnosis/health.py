@@ -1,9 +1,10 @@
 """The filter's health: its reaction to contradicting measurements, and the memory for it.
 
-Three things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
+Four things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
 satellite: then the last minute is run once more (``suspects``). Or the filter is lost: then a fix is put on trial
 in parallel (``recovery``). Neither touches the filter before the rows have decided. Or the range rates agree on no
-velocity: then the pseudoranges' fix takes the filter's place, and the rates are left out.
+velocity: then the pseudoranges' fix takes the filter's place, and the rates are left out. Or the inertial samples are
+far noisier than their grade: then the filter goes on, or restarts, with more noise until the grade's explains them.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
 from insgnss.filter.diagnosis.inertial_credit import (
-    CALM,
     DISTRUSTED_RESTART,
+    GRADE_NOISE_AGAIN,
     NEVER_NS,
     TRUSTED,
     TRY_AGAIN,
@@ -38,7 +39,7 @@ from insgnss.filter.diagnosis.recovery import (
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, SENSORS, TAGS
-from insgnss.filter.diagnosis.suspects import calmed, judge, left_out, run_away
+from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
     STUCK_RATES,
@@ -62,7 +63,9 @@ from insgnss.tables import Event
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
-_SOUND_NS = 20 * NS_PER_S  # before noise began; after less the attitude was found by such samples
+_SOUND_NS = (
+    20 * NS_PER_S
+)  # of the kept past before noise began; after less the attitude may be of noisy samples
 _RATES_LOOK_NS = 5 * NS_PER_S
 _NO_VELOCITY_NS = 600 * NS_PER_S  # for which rates that agree on none stay out: a wrong wavelength lasts
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
@@ -135,7 +138,7 @@ class FilterHealth:
             self.credit.try_again(t_ns)
             return Remedy(bank, [], TRY_AGAIN)
         if t_ns >= self._look_ns(bank):
-            return self._look_for_calm(bank, imu, t_ns, parameters)
+            return self._look_for_grade_noise(bank, imu, t_ns, parameters)
         if int(bank.state[0].stuck_since_ns) == t_ns:
             return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
         if bank.head[0].heading_open == 1:
@@ -156,10 +159,10 @@ class FilterHealth:
         if verdict is None:
             return Remedy(bank, self._creeping(bank, t_ns) if news else [])
         if verdict.suspect == INERTIAL_NOISE:
-            lasts = verdict.onset_ns - int(was[0].head[0].now_ns) < _SOUND_NS
-            self.credit.found_noise(t_ns, float(verdict.bank.state[0].noise_excess), lasts)
+            from_the_start = verdict.onset_ns - int(was[0].head[0].now_ns) < _SOUND_NS
+            self.credit.found_noise(t_ns, float(verdict.bank.state[0].noise_excess), from_the_start)
             event = self.credit.event(t_ns, parameters[0], found=True)
-            if lasts:
+            if from_the_start:
                 return Remedy(bank, [event], DISTRUSTED_RESTART)
         else:
             event = verdict_in_words(t_ns, was[0], verdict)
@@ -182,16 +185,19 @@ class FilterHealth:
         """Return when it is asked whether the inertial samples are as good as their grade again."""
         return self.credit.look_ns if len(bank.state) == 1 else NEVER_NS
 
-    def _look_for_calm(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
+    def _look_for_grade_noise(
+        self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]
+    ) -> Remedy:
         """Return to the noise of the grade if it explains the last minute again."""
-        verdict, self.past = calmed(self.past, self.setup, imu, parameters)
+        verdict, self.past = with_noise_of_grade(self.past, self.setup, imu, parameters)
         if verdict is None:
             self.credit.look_later(t_ns)
             return Remedy(bank, [])
-        self.credit.try_again(t_ns)
+        self.credit.trust_again(t_ns)
+        self.doubt = None
         verdict.bank.head[:] = bank.head
         verdict.bank.head["renewed_ns"] = t_ns
-        return Remedy(verdict.bank, [Event(t_ns, TRUSTED, CALM)])
+        return Remedy(verdict.bank, [Event(t_ns, TRUSTED, GRADE_NOISE_AGAIN)])
 
     def _distrust(self, bank: Bank, events: list[Event], t_ns: int, par: Parameters) -> Remedy:
         """Restart with noise that explains the sensors' failures."""
@@ -224,7 +230,7 @@ class FilterHealth:
         lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
         if _tells(lines) and health.recovery:
             remedy = self._second_look(bank, imu, t_ns, parameters)
-            if remedy.bank is not bank:
+            if remedy.give_up or remedy.bank is not bank:
                 return remedy
             events = remedy.events
         kind, fix = contradicted_kind(lines), None
@@ -327,7 +333,7 @@ class FilterHealth:
         if new_bank is None:
             return Remedy(bank, [])
         remedy = self._second_look(bank, imu, t_ns, parameters)
-        if remedy.bank is not bank:
+        if remedy.give_up or remedy.bank is not bank:
             return remedy
         done = self._set_right(bank, new_bank, doubt, t_ns, parameters[0])
         return done._replace(events=remedy.events + done.events)

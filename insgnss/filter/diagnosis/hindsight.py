@@ -1,7 +1,7 @@
 """A rerun of the last minute: the filter of a minute ago over the epochs since, under each supposed fault.
 
-The filter runs as it was; with the accelerometers' or the gyros' biases unknown from some instant on; without
-satellites that may run away; with time tags that are off. Its likelihood says how well each explains what was seen.
+The filter runs as it was, and under each fault that ``suspects`` lists. Its likelihood says how well each explains what
+was seen.
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ then follows the satellites, with a wide attitude. After five minutes without a 
 noise. One failure within the next five minutes is enough then, and the wait doubles.
 
 A look back may find the noise at once, where it explains the last minute better than a failed sensor. The filter keeps
-it then. Every minute it asks whether the noise of the grade explains the last minute far better again.
+it then, or restarts with ten times as much where the samples were not sound long enough before. Every minute it asks
+whether the noise of the grade explains the last minute far better again.
 
 A single fault of a sensor is two failures: that a sensor has failed, and which. In a simulated flight of ten minutes
 with wrong units, signs or axes (11 cases) the filter was 0.1 to 25 km off at 100 to 1000 sigma again and again; with
@@ -33,9 +34,7 @@ from insgnss.units import mps_per_sqrt_s_to_mps_per_sqrt_h, rad_per_sqrt_s_to_de
 
 DISTRUSTED: Final = "imu_distrusted"
 TRUSTED: Final = "imu_trusted"
-CALM: Final = (
-    "the noise of their grade explains the inertial samples of the last minute again; it counts from now on"
-)
+GRADE_NOISE_AGAIN: Final = "the inertial samples of the last minute agree with the noise of their grade again"
 DISTRUSTED_RESTART: Final = "the inertial sensors are distrusted"
 TRY_AGAIN: Final = "the inertial sensors are tried again with the noise of their grade"
 NEVER_NS: Final = 2**63 - 1
@@ -78,37 +77,42 @@ class InertialCredit:
         self.retry_ns = t_ns + round(self.wait_s * NS_PER_S)
         return risen
 
-    def found_noise(self, t_ns: int, excess: float, lasts: bool) -> None:
+    def found_noise(self, t_ns: int, excess: float, from_the_start: bool) -> None:
         """Note that noise of ``excess`` times the grade's variance explains the samples of the last minute.
 
         That is the noise of errors that are new in each epoch. If the samples were never sound their errors may last:
         for T = 10 s they count as ten times as much.
         """
-        self.excess, self.retry_ns = excess * (_ARISES_S if lasts else 1.0), NEVER_NS
+        self.excess, self.retry_ns = excess * (_ARISES_S if from_the_start else 1.0), NEVER_NS
         self.look_later(t_ns)
 
     def look_later(self, t_ns: int) -> None:
         """Ask in a minute whether the samples are as good as their grade again."""
         self.look_ns = t_ns + _LOOK_NS
 
-    def try_again(self, t_ns: int) -> None:
+    def trust_again(self, t_ns: int) -> None:
         """Return to the grade's noise, until the next failure if it comes soon."""
         self.failures = [(t_ns, self.excess)] * _BEARABLE
         self.excess, self.retry_ns, self.look_ns = 0.0, NEVER_NS, NEVER_NS
+
+    def try_again(self, t_ns: int) -> None:
+        """Do the same although nothing has shown that the samples are sound: the next wait is twice as long."""
+        self.trust_again(t_ns)
         self.wait_s *= 2.0
 
     def event(self, t_ns: int, par: Parameters, found: bool = False) -> Event:
         """Return what the filter assumes from now on, in words: after failures, or as a look back has ``found``."""
         gyro, accel = (math.sqrt((1.0 + self.excess) * q) for q in (par.gyro_density, par.accel_density))
         why = f"{len(self.failures)} resets and suspicions within {_REMEMBERED_S / 60.0:.0f} min"
-        until = f"for {self.wait_s / 60.0:.0f} min"
+        until, causes = f"for up to {self.wait_s / 60.0:.0f} min", ""
         if found:
             why = "noise far above that of their grade explains the last minute"
-            until = "until the satellites show the grade's"
+            until = "until the grade's explains the samples again"
+            causes = "causes are strong vibration and a grade that is better than the sensor, and "
         detail = (
             f"the inertial samples contradict the satellites: {why}; {until} their noise counts as"
             f" {rad_per_sqrt_s_to_deg_per_sqrt_h(gyro):.3g} deg/sqrt(h) and"
-            f" {mps_per_sqrt_s_to_mps_per_sqrt_h(accel):.3g} m/s/sqrt(h); 'insgnss check FLIGHT' looks for wrong units,"
-            " signs and axes"
+            f" {mps_per_sqrt_s_to_mps_per_sqrt_h(accel):.3g} m/s/sqrt(h); {causes}'insgnss check FLIGHT' looks for"
+            " wrong units, signs and axes"
         )
         return Event(t_ns, DISTRUSTED, detail)

@@ -66,7 +66,7 @@ def with_fault(
     later_s: float = 0.0,
     risen2: float = 1.0,
 ) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown, and stay what they are then found to be.
+    """Return a copy of a filter in which what is supposed to have failed is unknown, as the biases of a sensor.
 
     Their jumps have the sigmas ``widths`` (3,) [rad/s] or [m/s^2]. After a lapse these are the states that the wrong
     readings changed: attitude, velocity and position; of noise its level, ``risen2`` times the former or the grade's.

@@ -2,7 +2,8 @@
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
-some instant on; without satellites that may run away; with time tags that are off; with a further sensor that is less
+some instant on, or wrong for a moment; with more noise in all satellites' rows or all inertial samples; without
+satellites that may run away, or without range rates; with time tags that are off; with a further sensor that is less
 accurate than it says, or late. Each explanation has a prior and a likelihood, integrated over what it does not know
 (onset, size, axis, rate), which gives its posterior:
 
@@ -188,21 +189,21 @@ def run_away(
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
 
 
-def calmed(
+def with_noise_of_grade(
     past: FilterHistory, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> tuple[Verdict | None, FilterHistory]:
     """Return the filter that has had the grade's noise again for a minute, if that explains the minute far better."""
-    past, span = past.judged()
+    looked_at, span = past.judged()
     if span is None:
         return None, past
-    again = Hindsight(past, setup, imu, parameters, span)
+    again = Hindsight(looked_at, setup, imu, parameters, span)
     bank = again.oldest()
     bank.state["noise_excess"] = 0.0
     verdict = again.verdict(INERTIAL_NOISE, bank, again.stretches) if again.came_through else None
     if verdict is None or not verdict.fits or verdict.log_likelihood < again.as_it_was + SURE:
         return None, past
     calm = again.to_the_end(verdict)
-    return (None, past) if calm is None else (calm, past.after_verdict(True))
+    return (None, past) if calm is None else (calm, looked_at.after_verdict(True))
 
 
 def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
@@ -308,8 +309,8 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
-    street = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
-    noise = noise or (street and first.suspect == INERTIAL_NOISE)
+    were_noisy = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
+    noise = noise or (were_noisy and first.suspect == INERTIAL_NOISE)
     late = first.suspect not in TAGS and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 

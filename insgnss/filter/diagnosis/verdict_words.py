@@ -45,11 +45,11 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         signs = (
             ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
         )
-        along_m = size * float(np.linalg.norm(was.state[0].v_e))
+        along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
         detail = (
             f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
-            " follow the motion; the sigmas do not include it. A lever arm that is wrong by"
-            f" {along_m:.1f} m along the way looks alike"
+            " follow the motion; the sigmas do not include it. A lever arm error of"
+            f" {along_m:.1f} m along the direction of motion would look the same"
         )
         return Event(t_ns, "time_tag_suspect", detail)
     if verdict.suspect == RATES:

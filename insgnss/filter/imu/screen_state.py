@@ -106,11 +106,11 @@ class ScreenRecord(Record):
     fresh: Annotated[Float64, 6]  # value before a run
     out: Annotated[Int64, 6]  # 0, STUCK or SATURATED
     out_s: Annotated[Float64, 2]  # for how long
-    lately: Annotated[Float64, 6]  # mean of the last samples, by which a sensor's slope is found
-    slope: Annotated[Float64, 2]  # with which a saturated sensor went beyond its range, unit / s
-    hidden: Annotated[
-        Float64, 2
-    ]  # integral of what is beyond it, as its sigma: rotation [rad], velocity [m/s]
+    recent_mean: Annotated[Float64, 6]  # of the last samples of an axis that is not out
+    beyond_s: Annotated[Float64, 2]  # for how long the sensor is saturated
+    slope: Annotated[Float64, 2]  # with which it went beyond its range, unit / s
+    # integral of the sigma of what is beyond its range: rotation [rad], velocity [m/s]
+    hidden: Annotated[Float64, 2]
     out_variance: float  # of the unknown rotation since the gyros are out [rad^2]
 
 

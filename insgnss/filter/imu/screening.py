@@ -28,10 +28,11 @@ from insgnss.filter.imu.screen_state import (
 )
 from insgnss.filter.imu.sensor_outage import (
     AT_RANGE,
+    MOTION_TIME_S,
     beyond_range,
+    density_beyond_range,
     held_for_long,
-    lever_density,
-    note_lately,
+    note_recent_mean,
     note_repeats,
     note_slope,
     stand_in,
@@ -192,7 +193,7 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
         clear_mean(s)
     s.even += 1
     s.calm += 1
-    note_lately(s, x, dt)
+    note_recent_mean(s, x, dt)
     for i in range(6):
         s.before[i] = s.x[i]
         s.x[i] = x[i]
@@ -268,6 +269,7 @@ def begin_anew(s: ScreenRecord) -> None:
     """Forget what does not hold across a cut."""
     s.n = 0
     s.out_variance = 0.0
+    s.hidden[0], s.hidden[1] = 0.0, 0.0
     for i in range(6):
         s.run[i] = 0
 
@@ -302,13 +304,11 @@ def judge_sensors(
         sigma2 = unknown_variance(s, sensor, saturated)
         added = unknown_density(s, sensor, sigma2) + missed
         if saturated:
-            excess, before = beyond_range(s, sensor), s.hidden[sensor]
-            s.hidden[sensor] += excess * dt
-            added += (s.hidden[sensor] ** 2 - before**2) / dt
-            sigma2 = max(sigma2, excess**2)
+            added += density_beyond_range(s, sensor, dt)
+            sigma2 = max(sigma2, beyond_range(s, sensor) ** 2)
         if sensor == GYRO:
             s.out_variance += added * dt
-            density = (added, lever_density(s, sigma2))
+            density = (added, sigma2 * s.lever2 / MOTION_TIME_S)
         else:
             density = (density[0], density[1] + added)
     if density[0] > 0.0 or density[1] > 0.0:
@@ -325,7 +325,8 @@ def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, cou
     """Write down that a sensor is back; restart if the attitude is lost by then."""
     write(edits, count, k, t_ns, OUT_ENDS, s.out_s[sensor])
     edits[count[0] - 1].axes = sensor
-    s.out_s[sensor], s.slope[sensor], s.hidden[sensor] = 0.0, 0.0, 0.0
+    s.out_s[sensor], s.beyond_s[sensor] = 0.0, 0.0
+    s.slope[sensor], s.hidden[sensor] = 0.0, 0.0
     if sensor == GYRO:
         if s.out_variance > s.restart_variance:
             write(edits, count, k, t_ns, CUT, 0.0)

@@ -123,8 +123,8 @@ def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
 def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
     """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
 
-    It is the log's spread, at least the usual change in some seconds; a saturated sensor means
-    violent motion of unknown size.
+    It is the log's spread, at least the usual change in some seconds, more of a saturated sensor; ``beyond_range`` has
+    what its slope says.
     """
     seconds = SATURATED_S if saturated else OUT_S
     variance: float = max(s.most_spread2[sensor], seconds * s.least_change[sensor])
@@ -132,19 +132,19 @@ def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
 
 
 @kernel(inline=True)
-def note_lately(s: ScreenRecord, x: Float64, dt: float) -> None:
+def note_recent_mean(s: ScreenRecord, x: Float64, dt: float) -> None:
     """Let the mean of the last samples follow, of each axis that is not out."""
     share = min(dt / SLOPE_S, 1.0) if s.n > 0 else 1.0
     for axis in range(6):
         if s.out[axis] == 0:
-            s.lately[axis] += share * (x[axis] - s.lately[axis])
+            s.recent_mean[axis] += share * (x[axis] - s.recent_mean[axis])
 
 
 @kernel(inline=True)
 def note_slope(s: ScreenRecord, x: Float64, axis: int) -> None:
     """Keep the slope with which an axis goes beyond its range, the steepest of its sensor."""
     sensor = axis // 3
-    s.slope[sensor] = max(s.slope[sensor], abs(x[axis] - s.lately[axis]) / max(SLOPE_S, s.step))
+    s.slope[sensor] = max(s.slope[sensor], abs(x[axis] - s.recent_mean[axis]) / max(SLOPE_S, s.step))
 
 
 @kernel(inline=True)
@@ -155,8 +155,21 @@ def beyond_range(s: ScreenRecord, sensor: int) -> float:
     w' t (1 - t / D) that is back after D hides the integral w' D^2 / 6; that of e is w' D^2 / 4
     """
     largest = s.range[sensor] if s.range[sensor] < math.inf else s.largest[sensor]
-    excess: float = min(0.5 * s.slope[sensor] * s.out_s[sensor], largest)
+    excess: float = min(0.5 * s.slope[sensor] * s.beyond_s[sensor], largest)
     return excess
+
+
+@kernel(inline=True)
+def density_beyond_range(s: ScreenRecord, sensor: int, dt: float) -> float:
+    """Carry on what a saturated sensor hides by a sample; return the density of it [rad^2/s] or [m^2/s^3].
+
+    A gap before the sample has its own variance.
+    """
+    step, before = min(dt, s.step), s.hidden[sensor]
+    s.beyond_s[sensor] += dt
+    s.hidden[sensor] += beyond_range(s, sensor) * step
+    density: float = (s.hidden[sensor] ** 2 - before**2) / step
+    return density
 
 
 @kernel(inline=True)
@@ -165,19 +178,6 @@ def unknown_density(s: ScreenRecord, sensor: int, variance: float) -> float:
 
     Equation: 2 sigma^2 T (1 - exp(-t/T))^2 of a Gauss-Markov rate that was known at t = 0
     """
-    density: float = 2.0 * variance * MOTION_TIME_S * grown2(s, sensor)
+    grown = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
+    density: float = 2.0 * variance * MOTION_TIME_S * grown * grown
     return density
-
-
-@kernel(inline=True)
-def lever_density(s: ScreenRecord, variance: float) -> float:
-    """Return the density of the velocity that an unknown rate gives the antenna at its lever arm [m^2/s^3]."""
-    density: float = variance * grown2(s, 0) * s.lever2 / MOTION_TIME_S
-    return density
-
-
-@kernel(inline=True)
-def grown2(s: ScreenRecord, sensor: int) -> float:
-    """Return the share of its variance that an unknown motion has reached since the sensor is out."""
-    grown: float = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
-    return grown * grown

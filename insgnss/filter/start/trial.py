@@ -198,6 +198,8 @@ class StartValidation:
             return
         for name in (
             "noise_factor",
+            "noise_excess",
+            "rates_out_ns",
             "level_epochs",
             "adapted_ns",
             "adapted_count",

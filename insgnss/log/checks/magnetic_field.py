@@ -24,7 +24,7 @@ from insgnss.log.imu.sensor_csv import UT_PER_UNIT
 from insgnss.tables import Float64
 from insgnss.units import RAD_PER_DEG
 
-_FITS: Final = 0.25  # of the field's size: iron, 10 deg of bank and 20 deg of crab
+_LARGEST_MISFIT: Final = 0.25  # of the field's size: iron, 10 deg of bank and 20 deg of crab
 _ALONE: Final = 0.5  # of the misfit of any other axes
 _UPRIGHT: Final = 0.3  # of the field's size: a smaller vertical part may be iron and tilt
 
@@ -42,14 +42,14 @@ def fitting_units(config: Magnetometer, total_ut: float) -> list[str]:
 def wrong_vertical(level_b: Float64, sign: int) -> str:
     """Return in words that the vertical field of level readings (n, 3) points the wrong way, or nothing."""
     down, total = float(np.median(level_b[:, 2])), float(np.median(np.linalg.norm(level_b, axis=1)))
-    if sign * down > -_UPRIGHT * total:
+    if sign == 0 or sign * down >= -_UPRIGHT * total:
         return ""
     way, other = ("up", "down") if down < 0.0 else ("down", "up")
     return f"the vertical field points {way}, {abs(down):.0f} uT; at this place it points {other}: check its axes"
 
 
 def fitting_axes(config: Magnetometer, level_b: Float64, course: Float64, sign: int) -> str:
-    """Return in words the only axes that fit, nothing where the declared ones or several do.
+    """Return the axes that fit, as text; empty if the declared axes or several others fit.
 
     Parameters
     ----------
@@ -68,7 +68,9 @@ def fitting_axes(config: Magnetometer, level_b: Float64, course: Float64, sign: 
         misfits.append([float(np.sqrt(np.mean(np.sum((level_b @ C.T - field) ** 2, axis=1)))) for C in maps])
     misfit = np.min(misfits, axis=0)
     best, second = np.argsort(misfit)[:2]
-    if misfit[best] > min(_ALONE * misfit[second], _FITS * total) or np.array_equal(maps[best], np.eye(3)):
+    if misfit[best] > min(_ALONE * misfit[second], _LARGEST_MISFIT * total) or np.array_equal(
+        maps[best], np.eye(3)
+    ):
         return ""
     C_bs = maps[best] @ magnetometer_axes(config)
     column = np.argmax(np.abs(C_bs), axis=1)
@@ -77,6 +79,6 @@ def fitting_axes(config: Magnetometer, level_b: Float64, course: Float64, sign: 
         return f"axes = {names} fits".replace("'", '"')
     order = ", ".join(names)
     return (
-        f"forward, right, down are its {order}, which is left-handed: exchange two names in columns.field, or turn a"
-        " sign in the file"
+        f"forward, right, down are its {order}, which is left-handed: exchange two names in columns.field, or reverse"
+        " one sign in the file"
     )

@@ -84,8 +84,9 @@ def read_sensor(
         sigma = [table.column_or_nan(name) for name in config.sigma_columns]
         converted = _CONVERSIONS[type(config)](config, values)
         bad = _bad_values(config, table, converted)
-        units = _fitting_units(config, values, converted)
-        events += table.events + later + [replace(event, detail=event.detail + units) for event in bad]
+        here = _fitting_units(config, values, converted)
+        units = units or here
+        events += table.events + later + [replace(event, detail=event.detail + here) for event in bad]
         parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
     t_ns, values, sigmas = (np.concatenate(each) for each in zip(*parts, strict=True))
     t_ns, order, reordered = each_time_once(t_ns, config.files[0], "sensor_time_order")
@@ -197,7 +198,10 @@ def _fits(config: Sensor, unit: str, values: Float64) -> bool:
     low, high = np.array(_POSSIBLE[config.kind]).T
     converted = _CONVERSIONS[type(config)](config.model_copy(update={"unit": unit}), values)
     if config.kind == "magnetometer":
-        size = float(np.nanmedian(np.linalg.norm(converted, axis=1)))
+        sizes = np.linalg.norm(converted, axis=1)
+        if not np.isfinite(sizes).any():
+            return False
+        size = float(np.nanmedian(sizes))
         return EARTH_FIELD_UT[0] < size < EARTH_FIELD_UT[1]
     return bool((np.isnan(values) | ((converted >= low) & (converted <= high))).all())
 

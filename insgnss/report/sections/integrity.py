@@ -43,12 +43,12 @@ def section(run: Run) -> Section | None:
     if errors is not None and len(errors):
         charts.append(_diagram(errors))
         beyond = [int((errors[name] > errors[level]).sum()) for name, level in _LEVELS.items()]
-        unbounded = int((~np.isfinite(errors[list(_LEVELS.values())])).any(axis=1).sum())
+        unbounded = int(np.isinf(errors[list(_LEVELS.values())]).any(axis=1).sum())
         before = paragraphs(
             [
                 f"The error is beyond its protection level in {beyond[0]} (horizontal) and {beyond[1]} (vertical) of"
                 f" {len(errors)} rows inside the reference."
-                + (f" An infinite level has no point: {unbounded} rows." if unbounded else "")
+                + (f" Infinite levels, in {unbounded} rows, are not drawn." if unbounded else "")
             ]
         )
     names = ["fault", "separation_m", "axis", "time_s", "limit_m", "alert_rows"]

@@ -18,7 +18,7 @@ have not settled within the first tenth of the average: it is below the steady v
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
 those of the replicas, ``range_predicted_m`` and ``rate_predicted_mps`` of the same by the covariance of the channel's
-own filter (of one stage by h P h^T of its filter) and by what the newest inertial sample, led on, turned out to be off,
+own filter (of one stage by h P h^T of its filter) and by the error of holding the newest inertial sample,
 ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
 error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
 filter is consistent, even if every run counted as one look.
@@ -85,7 +85,7 @@ Report = Callable[[int, int], None]
 class ReceiverStudy(SavedStudy):
     """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns.
 
-    ``receiver_request`` reads from a saved study the arguments that fly it again.
+    ``receiver_request`` reads from a saved study the arguments that repeat it.
     """
 
     PREFIX: ClassVar = "receiver_"

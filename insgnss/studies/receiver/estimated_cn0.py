@@ -11,15 +11,15 @@ Two estimators (``ReceiverOptions.cn0_estimator``):
 
 - "power": the mean power less that of the noise, which the front end keeps (``vector_loop``): a = M2 - 1, with a
   variance of (1 + 2 a) / n
-- "moments": of the second and fourth moment (``moment_cn0_dbhz``), which needs no noise level. In windows shorter than
-  0.2 s, just after a change, it takes the power too. To 200 integrations of 5 ms noise alone looks like a signal of 19
+- "moments": of the second and fourth moment (``moment_cn0_dbhz``), which needs no noise level. Windows shorter than
+  0.2 s, just after a change, use the power too. To 200 integrations of 5 ms noise alone looks like a signal of 19
   dBHz (one sigma), and every fifth window with such a signal shows none.
 
 A window without a signal counts as half a sigma of the noise, or as the estimate before if that was less; two seconds
 without one are a signal that is gone.
 
 With phases (5 ms, 5 g, 80 deg/h, a fall from 45 dBHz at once) half of the runs lose lock at a C/N0 that is higher than
-with known C/N0 by -0.1 to 0.1 dB (optimal, one_stage; "power") and 0.9 to 1.0 dB ("moments").
+with known C/N0 by -0.1 to 0.2 dB (optimal, one_stage; "power") and 0.9 to 1.0 dB ("moments").
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class EstimatedCn0:
     """What a receiver takes for the C/N0 of its m channels."""
 
     def __init__(
-        self, channels: ChannelConstants, begin_dbhz: Float64, least_dbhz: float, estimator: str = "power"
+        self, channels: ChannelConstants, begin_dbhz: Float64, least_dbhz: float, estimator: str
     ) -> None:
         m = len(begin_dbhz)
         self._channels, self._least = channels, least_dbhz

@@ -78,7 +78,9 @@ def with_gaps(
     densities[_is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
     since_held_s = (since_s - since_s[held])[missing]
     for column, motion in enumerate((turning, unknown)):
-        densities[missing, column] = motion.density_since(since_held_s)
+        densities[missing, column] = np.maximum(
+            densities[missing, column], motion.density_since(since_held_s)
+        )
     return InertialAiding(rate, force, ahead), densities
 
 

@@ -40,7 +40,7 @@ class ReceiverOptions:
     # channels of satellites that the antennas do not see at the filter's attitude are not used
     masking: bool = False
     estimates_cn0: bool = False  # the receiver estimates C/N0 over up to a second instead of knowing it
-    cn0_estimator: str = "power"  # above the noise level, or "moments", which needs no noise level
+    cn0_estimator: str = "power"  # or "moments", which uses no noise level in windows from 0.2 s on
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M

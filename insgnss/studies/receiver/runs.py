@@ -121,7 +121,7 @@ class ReceiverRun:
     lost_s: Float64  # (m,) when each channel was lost, from the beginning; inf: held
     rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]
     # (m, 2) the same by the covariance of the channel, or of one stage's filter, and by what is known of each replica
-    # later: by how much it was off as the newest inertial sample was led on, or set in steps
+    # later: the error of holding the newest inertial sample over half an integration, and of setting it in steps
     predicted: Float64
     error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
     sd: Float64  # (k, 11) sigmas of the filter

@@ -1,4 +1,4 @@
-"""The call that made a saved receiver study: its settings hold motion, antennas, emitters, sensors and options.
+"""The arguments of a saved receiver study: its settings hold motion, antennas, emitters, sensors and options.
 
     study.save("out/")
     again = receiver_study(**receiver_request("out/"))    # the same tables, of the same version of the package
@@ -75,7 +75,7 @@ def antennas_of(described: Sequence[Mapping[str, Any]] | None) -> Installation |
 
 
 def receiver_request(folder: str | Path) -> dict[str, Any]:
-    """Return the arguments with which ``receiver_study`` flies a saved study again.
+    """Return the arguments with which ``receiver_study`` repeats a saved study.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def receiver_request(folder: str | Path) -> dict[str, Any]:
     try:
         return _arguments(saved)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, ConfigError) as error:
-        advice = "fly the study again with this version and save it"
+        advice = "run the study again with this version and save it"
         raise ResultError(
             f"the settings do not describe a study: {error!r}", file=file, advice=advice
         ) from None

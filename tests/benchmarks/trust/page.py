@@ -96,17 +96,16 @@ _FAULT_COLUMNS = (
     "verdict",
 )
 _LEVEL_COLUMNS = (
-    *(
-        "row",
-        "fault",
-        "runs",
-        "epochs",
-        "error beyond HPL",
-        "beyond VPL",
-        "largest error over HPL",
-        "over VPL",
-    ),
-    *("events", "verdict"),
+    "row",
+    "fault",
+    "runs",
+    "epochs",
+    "error beyond HPL",
+    "beyond VPL",
+    "largest error over HPL",
+    "over VPL",
+    "events",
+    "verdict",
 )
 _LEVEL_WORDS = """\
 Epochs whose error is beyond its protection level, whether an alert was raised or not. The risk stated for an epoch is
