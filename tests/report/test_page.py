@@ -182,7 +182,7 @@ def test_protection_levels_stand_against_the_errors_and_those_beyond_are_counted
     horizontal = charts["chart-stanford"]["data"][0]
     below = unpacked(horizontal["x"]) > unpacked(horizontal["y"])
     assert below.sum() == 7
-    assert "An infinite level has no point: 300 rows." in page
+    assert "Infinite levels, in 300 rows, are not drawn." in page
     over_time = charts["chart-protection-levels"]
     assert np.isnan(unpacked(over_time["data"][1]["y"])).all()
     assert over_time["layout"]["xaxis"]["anchor"] == "y2"  # below the last row, as in other charts

@@ -54,7 +54,7 @@ def test_estimates_do_not_depend_on_the_scale_of_the_assumed_cn0(estimator: str)
 @pytest.mark.parametrize("cn0_dbhz", [18.0, 30.0, 45.0])
 def test_mean_power_above_the_noise_scatters_as_a_window_of_a_second_does(cn0_dbhz: float) -> None:
     """Its variance is (1 + 2 a) / n where the window never restarts by chance."""
-    rng, found = np.random.default_rng(3), EstimatedCn0(CHANNELS, np.full(16, cn0_dbhz), -math.inf)
+    rng, found = np.random.default_rng(3), EstimatedCn0(CHANNELS, np.full(16, cn0_dbhz), -math.inf, "power")
     seconds = [taken(found, rng, cn0_dbhz, SECOND)[-1] for _ in range(41)][1:]
     a, n = 10.0 ** (0.1 * cn0_dbhz) * STEP_S, SECOND * BLOCK
     signal = 10.0 ** (0.1 * np.array(seconds)) * STEP_S
@@ -66,7 +66,7 @@ def test_mean_power_above_the_noise_scatters_as_a_window_of_a_second_does(cn0_db
 
 
 def test_window_without_a_signal_counts_as_a_weak_one_and_two_seconds_without_as_none() -> None:
-    found = EstimatedCn0(CHANNELS, np.full(2, 30.0), -math.inf)
+    found = EstimatedCn0(CHANNELS, np.full(2, 30.0), -math.inf, "power")
     noise = np.full((BLOCK, 2), 2.0 * CHANNELS.table[0, RATIO])  # never more than the mean of noise
     believed = []
     for _ in range(2 * SECOND + 1):
