@@ -63,9 +63,8 @@ from insgnss.tables import Event
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
-_SOUND_NS = (
-    20 * NS_PER_S
-)  # of the kept past before noise began; after less the attitude may be of noisy samples
+# of the kept past before noise began: after less the attitude may come from noisy samples
+_SOUND_NS = 20 * NS_PER_S
 _RATES_LOOK_NS = 5 * NS_PER_S
 _NO_VELOCITY_NS = 600 * NS_PER_S  # for which rates that agree on none stay out: a wrong wavelength lasts
 _LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure

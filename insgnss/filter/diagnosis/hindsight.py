@@ -204,7 +204,7 @@ class Hindsight:
         }
 
     def from_onset(self, suspect: str, bank: Bank, widths: Widths, later_s: float) -> Verdict | None:
-        """Return the result for a fault that begins with ``bank``; for noise the mean over its rise."""
+        """Return the result for a fault that begins with ``bank``; for noise the mean over its levels."""
         levels = RISEN2.get(suspect, (1.0,))
         each: list[Verdict] = []
         earlier = _now_ns(bank) == _now_ns(self.before[0])

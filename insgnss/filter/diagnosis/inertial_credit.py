@@ -41,7 +41,7 @@ NEVER_NS: Final = 2**63 - 1
 _BEARABLE: Final = 3  # failures
 _REMEMBERED_S: Final = 300.0
 _ARISES_S: Final = 10.0
-_LOOK_NS: Final = 60_000_000_000
+_LOOK_NS: Final = 60 * NS_PER_S
 
 
 @dataclass

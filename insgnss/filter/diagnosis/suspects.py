@@ -66,6 +66,7 @@ from insgnss.tables import Float64
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
 _ALL_AXES: Final = 3  # of a sensor, whose noise has risen
+_MOST: Final = 0.7  # of the log odds: 0.74 to 0.83 where tags are 20 ms late, 0.6 at most in vibration
 _COARSE: Final = 3.0 * SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
@@ -248,6 +249,8 @@ def judge(
     if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
+    if _are_tags(ranking):
+        fitting, ranking = _without_noise(fitting), _without_noise(ranking)
     if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = ranking[0], past.suspected
@@ -269,6 +272,19 @@ def judge(
     either = explanations(again.either([each.best for each in likely]), again.as_it_was)
     verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
+
+
+def _are_tags(ranking: list[Explanation]) -> bool:
+    """Return whether late tags of the samples explain most of what their noise does; noise would not name them."""
+    tags, noise = (
+        max((each.log_odds for each in ranking if each.suspect == suspect and each.best.fits), default=0.0)
+        for suspect in (IMU_TAGS, INERTIAL_NOISE)
+    )
+    return tags > max(SURE, _MOST * noise)
+
+
+def _without_noise(ranking: list[Explanation]) -> list[Explanation]:
+    return [each for each in ranking if each.suspect != INERTIAL_NOISE]
 
 
 def _filter_of(chosen: Explanation, again: Hindsight) -> Verdict | None:
