@@ -167,18 +167,22 @@ class FilterHealth:
             event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
-        verdict.bank.head[:] = bank.head
-        verdict.bank.head["renewed_ns"] = t_ns
+        self._renew(verdict.bank, bank, t_ns)
         if self.setup.own is not None:
             kinds = [kind for kind in self.setup.own.kinds if kind.name in verdict.kinds]
             leave_out(verdict.bank.head[0], kinds, for_good=verdict.size != 0.0)
-        self.doubt = None
         if verdict.suspect in SENSORS and verdict.suspect != INERTIAL_NOISE:
             par, db2 = parameters[0], sum(moved * moved for moved in verdict.moved)
             density = par.gyro_density if verdict.suspect == GYRO else par.accel_density
             if self.credit.is_lost_by_jump(t_ns, db2, density):
                 return self._distrust(bank, [event], t_ns, par)
         return Remedy(verdict.bank, [event])
+
+    def _renew(self, new_bank: Bank, bank: Bank, t_ns: int) -> None:
+        """Give a filter that a look back has computed the place of ``bank``; what was on trial beside that is over."""
+        new_bank.head[:] = bank.head
+        new_bank.head["renewed_ns"] = t_ns
+        self.doubt = None
 
     def _look_ns(self, bank: Bank) -> int:
         """Return when it is asked whether the inertial samples are as good as their grade again."""
@@ -193,9 +197,7 @@ class FilterHealth:
             self.credit.look_later(t_ns)
             return Remedy(bank, [])
         self.credit.trust_again(t_ns)
-        self.doubt = None
-        verdict.bank.head[:] = bank.head
-        verdict.bank.head["renewed_ns"] = t_ns
+        self._renew(verdict.bank, bank, t_ns)
         return Remedy(verdict.bank, [Event(t_ns, TRUSTED, GRADE_NOISE_AGAIN)])
 
     def _distrust(self, bank: Bank, events: list[Event], t_ns: int, par: Parameters) -> Remedy:

@@ -85,7 +85,7 @@ def _orbits(gnss: GnssTable, since_s: Float64, rng: np.random.Generator) -> tupl
     wrong = np.array([float(name.startswith("E")) for name in gnss.sv_names])[gnss.sv]
     v_e = rng.standard_normal(3)
     v_e *= np.exp(rng.uniform(np.log(0.1), np.log(2.0))) / np.linalg.norm(v_e)
-    # of the observer's place all that counts are the directions: the middle of the satellites is above it
+    # the observer is taken to be below the middle of the satellites; only the directions to them count
     middle = gnss.sat[:, :3].mean(axis=0)
     towards = gnss.sat[:, :3] - 6.378e6 * middle / np.linalg.norm(middle)
     rate = wrong * (towards @ v_e) / np.linalg.norm(towards, axis=1)
