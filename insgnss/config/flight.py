@@ -166,6 +166,9 @@ class Gnss(ObservationLog):
     rate_sign: Literal["standard", "reversed"] = Field(
         "standard", description="reversed: Doppler and range rates have the opposite of their standard signs"
     )
+    range_rate_lag_s: float = Field(
+        0.0, ge=0.0, le=2.0, description="by which range rates lag behind the motion: loops that smooth them"
+    )
     lever_arm_m: LeverArm | None = Field(
         None, description="IMU to antenna in metres, forward, right, down; left out means unknown, not zero"
     )

@@ -16,6 +16,7 @@ from insgnss.antenna.visibility import variance_along
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
 from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.late_rates import carry_late_velocity
 from insgnss.filter.sensor_errors import correct_sensors, factor_of
 from insgnss.filter.state import (
     BA,
@@ -228,6 +229,7 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, half)
+    before_e = (m.v_e[0], m.v_e[1], m.v_e[2])
     dv_e = mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.g_e)
     gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
     for i in range(3):
@@ -237,6 +239,8 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, half)
+    if m.rates_late_s > 0.0:
+        carry_late_velocity(m, par, w, before_e, dt)
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     gyro = par.gyro_density + par.gyro_scale_density * w2

@@ -57,6 +57,7 @@ class FilterSetup:
     grade: ImuGrade
     oscillator: Oscillator
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    range_rate_lag_s: float = 0.0  # by which range rates lag behind the motion
     clock_groups: tuple[str, ...] = ("G",)  # see ``gnss.clock_groups``; the first keeps the receiver clock
     start: GivenStart | None = None  # None: automatic
     start_ns: int | None = None  # GPS time of a given start; None: the first epoch

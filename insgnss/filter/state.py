@@ -120,6 +120,9 @@ class StateRecord(Record):
     stuck_ns: int  # when many range rates were last repeats of what was there before
     stuck_since_ns: int  # and since when
     rates_out_ns: int  # until when no range rate is believed
+    rates_late_s: float  # by which they lag behind the motion, see ``late_rates``
+    dv_late: Annotated[Float64, 2, 3]  # by which two stages of smoothing lag, ECEF [m/s]
+    swing_late: Annotated[Float64, 3]  # the antenna's velocity about the IMU at the last sample, ECEF [m/s]
     suspicion: float  # how far they are beyond chance, chi^2 of three
     mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
     mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
@@ -242,6 +245,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         target.v_shown[i], target.v_corrected[i] = source.v_shown[i], source.v_corrected[i]
+        target.dv_late[0, i], target.dv_late[1, i] = source.dv_late[0, i], source.dv_late[1, i]
+        target.swing_late[i] = source.swing_late[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
             target.C_swung[i, j] = source.C_swung[i, j]
@@ -278,6 +283,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.failed[i] = source.failed[i]
     target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
     target.crept_ns, target.rates_out_ns = source.crept_ns, source.rates_out_ns
+    target.rates_late_s = source.rates_late_s
     target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance

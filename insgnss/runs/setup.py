@@ -125,6 +125,7 @@ def _setup(
         grade=flight.imu_grade,
         oscillator=flight.oscillator,
         lever_arm_m=gnss.lever_b or (0.0, 0.0, 0.0),
+        range_rate_lag_s=gnss.range_rate_lag_s,
         clock_groups=clock_groups(use.constellations, use.signals_of(), pairs, every_band=use.every_band),
         start=given,
         start_ns=start_ns,

@@ -8,6 +8,7 @@ import numpy as np
 
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
+from insgnss.filter.rows.late_rates import carry_late_velocity
 from insgnss.filter.smoothing.between import NextEpoch, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumns, further_values
 from insgnss.filter.state import BG, DR, OFFSETS, select_members
@@ -15,6 +16,7 @@ from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.prior_rows import predict_measurements
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
@@ -35,6 +37,19 @@ def uncertain_imu_time() -> list[Any]:
     """Return what the loop changes and writes where the IMU's tags are off by a time that is a state."""
     offset = StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", 0.02)
     return short_log(True, True, motion_sigma=3.0, further=(offset,))
+
+
+def late_rates() -> list[Any]:
+    """Return what the two smoothings of range rates lag by, and the rows that lag."""
+    layout = layout_with(n_offsets=1)
+    made, par, log = bank(layout), parameters(layout), rows(layout)
+    made.state["rates_late_s"] = 0.2
+    m, w, work = made.state[0], np.array([0.1, -0.2, 0.3]), new_epoch(len(SKY), OFFSETS + 1)
+    for _ in range(5):
+        before_e = (m.v_e[0] - 0.1, m.v_e[1] + 0.2, m.v_e[2] - 0.3)
+        carry_late_velocity(m, par[0], w, before_e, 0.02)
+    predict_measurements(m, made.P[0], par[0], log, 0, w, np.array([0.2, 0.1, -9.8]), work)
+    return [made, work.lines]
 
 
 def range_biases() -> list[Any]:
@@ -103,6 +118,7 @@ def point_of_the_body() -> list[Any]:
 CASES = [
     KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
     KernelCase("tests.kernels.rows:uncertain_imu_time", rtol=1e-8),
+    KernelCase("tests.kernels.rows:late_rates", rtol=1e-10),
     KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
     KernelCase("tests.kernels.rows:slow_errors", rtol=1e-12),
     # a smoothed variance is a tenth of the difference of two, seen through an inverse

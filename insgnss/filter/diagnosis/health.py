@@ -38,7 +38,7 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, SENSORS, TAGS
+from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
@@ -95,7 +95,9 @@ class FilterHealth:
     told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
     credit: InertialCredit = field(default_factory=InertialCredit)
     rates_look_ns: int = 0  # when satellites that run away are looked at next, while headings are open
-    rates_out_ns: int = 0  # until when range rates stay out, in a filter that restarts, too
+    # of a filter that restarts, too: until when range rates stay out, and by how much they were found to lag
+    rates_out_ns: int = 0
+    rates_late_s: float | None = None  # None: as the flight file says
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
@@ -126,6 +128,13 @@ class FilterHealth:
         if code == SUSPICION or t_ns >= min(self.credit.retry_ns, self._look_ns(bank)):
             return True
         return code == DONE and self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
+
+    def place_what_is_known(self, bank: Bank) -> None:
+        """Write into a filter that starts what its sensors and range rates are known to do."""
+        bank.state["noise_excess"] = self.credit.excess
+        bank.state["rates_out_ns"] = self.rates_out_ns
+        known = self.setup.range_rate_lag_s if self.rates_late_s is None else self.rates_late_s
+        bank.state["rates_late_s"] = known
 
     def forget(self) -> None:
         """Clear what concerns a filter that no longer exists."""
@@ -167,6 +176,8 @@ class FilterHealth:
             event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
+        if verdict.suspect == LATE_RATES:
+            self.rates_late_s = float(verdict.bank.state[0].rates_late_s)
         self._renew(verdict.bank, bank, t_ns)
         if self.setup.own is not None:
             kinds = [kind for kind in self.setup.own.kinds if kind.name in verdict.kinds]

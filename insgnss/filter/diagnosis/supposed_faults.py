@@ -22,6 +22,7 @@ EITHER = "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
 TAGS: Final = (IMU_TAGS, GNSS_TAGS)
 RATES = "range rates"  # of all satellites
+LATE_RATES = "late range rates"  # of all satellites
 FURTHER_SENSOR = "further sensor"
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again

@@ -3,8 +3,8 @@
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
 some instant on, or wrong for a moment; with more noise in all satellites' rows or all inertial samples; without
-satellites that may run away, or without range rates; with time tags that are off; with a further sensor that is less
-accurate than it says, or late. Each explanation has a prior and a likelihood, integrated over what it does not know
+satellites that may run away, or without range rates, or with range rates that lag; with time tags that are off; with a
+further sensor that is less accurate than it says, or late. Each explanation has a prior and a likelihood, integrated over what it does not know
 (onset, size, axis, rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
@@ -33,6 +33,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.further_sensors import sensors_in_question, without_sensor, wrong_sensor
 from insgnss.filter.diagnosis.hindsight import NOISY, WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
+from insgnss.filter.diagnosis.late_rates import late_rates
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
@@ -41,6 +42,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     IMU_TAGS,
     INERTIAL_NOISE,
     LAPSE,
+    LATE_RATES,
     LOG_PRIOR,
     NOISE,
     RATES,
@@ -155,7 +157,7 @@ def with_sound_axes(explanation: Explanation, again: Hindsight) -> Explanation:
 
 
 def _unknown(verdict: Verdict) -> float:
-    return verdict.size if verdict.suspect == IMU_TAGS else verdict.onset_ns / NS_PER_S
+    return verdict.size if verdict.suspect in (IMU_TAGS, LATE_RATES) else verdict.onset_ns / NS_PER_S
 
 
 def log_odds(of: list[Explanation], against: list[Explanation]) -> float:
@@ -222,7 +224,8 @@ def every_fault(again: Hindsight) -> list[Verdict]:
             pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, INERTIAL_NOISE, NOISE, RATES)
         ]
         others = [
-            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_tags, other_imu_tags)
+            pool.submit(list[Verdict], verdicts_of(again))
+            for verdicts_of in (other_tags, other_imu_tags, late_rates)
         ]
         others += [
             pool.submit(list[Verdict], wrong_sensor(again, kind)) for kind in sensors_in_question(again)
@@ -249,7 +252,7 @@ def judge(
     if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
-    if _are_tags(ranking):
+    if _are_late(ranking):
         fitting, ranking = _without_noise(fitting), _without_noise(ranking)
     if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
@@ -274,13 +277,13 @@ def judge(
     return verdict, past if verdict is None else replace(past, opened=True)
 
 
-def _are_tags(ranking: list[Explanation]) -> bool:
-    """Return whether late tags of the samples explain most of what their noise does; noise would not name them."""
-    tags, noise = (
-        max((each.log_odds for each in ranking if each.suspect == suspect and each.best.fits), default=0.0)
-        for suspect in (IMU_TAGS, INERTIAL_NOISE)
+def _are_late(ranking: list[Explanation]) -> bool:
+    """Return whether late samples or rates explain most of what noise of the samples does, which names neither."""
+    late, noise = (
+        max((each.log_odds for each in ranking if each.suspect in suspects and each.best.fits), default=0.0)
+        for suspects in ((IMU_TAGS, LATE_RATES), (INERTIAL_NOISE,))
     )
-    return tags > max(SURE, _MOST * noise)
+    return late > max(SURE, _MOST * noise)
 
 
 def _without_noise(ranking: list[Explanation]) -> list[Explanation]:
@@ -327,7 +330,7 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
     were_noisy = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
     noise = noise or (were_noisy and first.suspect == INERTIAL_NOISE)
-    late = first.suspect not in TAGS and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect not in (*TAGS, LATE_RATES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -15,6 +15,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     FURTHER_SENSOR,
     IMU_TAGS,
     LAPSE,
+    LATE_RATES,
     RATES,
     SATELLITES,
     SHOCK,
@@ -45,13 +46,26 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         signs = (
             ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
         )
+        rates = ""
+        if (verdict.size < 0.0) == (verdict.suspect == IMU_TAGS):
+            rates = (
+                f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
+            )
         along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
         detail = (
             f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
             " follow the motion; the sigmas do not include it. A lever arm error of"
-            f" {along_m:.1f} m along the direction of motion would look the same"
+            f" {along_m:.1f} m along the direction of motion would look the same{rates}"
         )
         return Event(t_ns, "time_tag_suspect", detail)
+    if verdict.suspect == LATE_RATES:
+        late_s = float(verdict.bank.state[0].rates_late_s)
+        detail = (
+            f"the range rates lag {late_s:.2f} s behind the motion that pseudoranges and inertial sensors show: the"
+            " receiver smooths them, or they are of an earlier time. The lag is used from now on, and the last minute"
+            f" is recomputed with it; gnss.range_rate_lag_s = {late_s:.2f} makes it known from the start"
+        )
+        return Event(t_ns, "rates_late", detail)
     if verdict.suspect == RATES:
         detail = (
             "the range rates of all satellites contradict the pseudoranges and the inertial sensors; they are left out,"

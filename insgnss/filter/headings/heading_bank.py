@@ -44,7 +44,10 @@ from insgnss.geodesy.rotations import (
 from insgnss.tables import Float64, Int64
 
 _WIDE: Final = 1.2  # sigmas of a window
-_MEANS: Final = ("noise_factor", "drift_moved", "weak_shown", "weak_rows", "motion_response", "f_mean")
+_MEANS: Final = (
+    *("noise_factor", "drift_moved", "weak_shown", "weak_rows", "motion_response", "f_mean"),
+    *("dv_late", "swing_late"),
+)
 
 
 def attitude(m: StateRecord) -> tuple[float, float, float]:

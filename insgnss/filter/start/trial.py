@@ -200,6 +200,7 @@ class StartValidation:
             "noise_factor",
             "noise_excess",
             "rates_out_ns",
+            "rates_late_s",
             "level_epochs",
             "adapted_ns",
             "adapted_count",

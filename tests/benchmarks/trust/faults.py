@@ -11,6 +11,7 @@ from insgnss.units import deg_per_h_to_radps
 from tests.benchmarks.trust import spoiling
 from tests.benchmarks.trust.flying import SAMPLE_FLIGHT
 from tests.benchmarks.trust.measuring import position_m
+from tests.benchmarks.trust.motions import CORNERS, TO_KNOWN, TO_KNOWN_S, scenario
 from tests.benchmarks.trust.rows import (
     NO_FALSE_HEADING,
     REPORTED,
@@ -189,6 +190,29 @@ def _measurements() -> tuple[Row, ...]:
     )
 
 
+def _late_doppler() -> Row:
+    """Rates that lag show in the first change of velocity, which is at once."""
+    return Row(
+        "fault_doppler_late",
+        "range rates of all satellites 0.2 s late, for good: a car in town",
+        scenario("late Doppler", *TO_KNOWN, *CORNERS, *CORNERS, *CORNERS),
+        (
+            Check("position within 10 m", "most", "position_m", high=10.0),
+            *honest("from 60 s on", limit=SIGMAS),
+            REPORTED,
+            *(NUMBERS, QUIET, NO_FALSE_HEADING),
+        ),
+        "industrial",
+        gnss_rate_hz=5.0,
+        origin_s=TO_KNOWN_S,
+        windows={"from 60 s on": (60.0, np.inf)},
+        measures={"position_m": position_m(0.0, np.inf)},
+        spoil=spoiling.late_doppler,
+        fault=True,
+        event="rates_late",
+    )
+
+
 def _times() -> tuple[Row, ...]:
     return (
         _row(
@@ -293,6 +317,7 @@ def fault_rows() -> tuple[Row, ...]:
         _wild(),
         _future_tag(),
         *_sensors(),
+        _late_doppler(),
         *_measurements(),
         *_times(),
     )

@@ -142,6 +142,18 @@ def frozen_doppler(for_s: float) -> Spoiler:
     return spoil
 
 
+def late_doppler(case: Case, at_s: float, rng: np.random.Generator) -> Case:
+    """Every Doppler and range rate is that of the epoch before, for good."""
+    gnss, t_s = case.gnss, _seconds(case.gnss.t_ns, case)
+    late = {name: getattr(gnss, name).copy() for name in ("doppler_hz", "range_rate_mps")}
+    for sv in np.unique(gnss.sv):
+        own = np.flatnonzero(gnss.sv == sv)
+        since = t_s[own[1:]] >= at_s
+        for name, values in late.items():
+            values[own[1:][since]] = getattr(gnss, name)[own[:-1][since]]
+    return replace(case, gnss=replace(gnss, **late))
+
+
 def reversed_doppler(for_s: float) -> Spoiler:
     """Every Doppler has the wrong sign."""
 

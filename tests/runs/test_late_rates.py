@@ -1,0 +1,83 @@
+"""Range rates that lag: found in a turn and taken into account from then on; with the lag declared nothing is wrong."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import insgnss
+from insgnss.log.flight import FlightInMemory
+from insgnss.tables import GnssTable
+from tests.benchmarks.trust import spoiling
+from tests.benchmarks.trust.faults import fault_rows
+from tests.benchmarks.trust.flying import drawn
+from tests.benchmarks.trust.rows import Case
+from tests.runs.test_suspects import (
+    ATTITUDE,
+    FAULT_S,
+    POSITION,
+    VELOCITY,
+    seconds,
+    sigmas,
+    told,
+    when,
+    with_logs,
+    with_rows,
+)
+
+LAG_S = 0.2
+LATE = "rates_late"
+
+
+@cache
+def lagging() -> FlightInMemory:
+    """Return the sample flight with Doppler that is 0.2 s late from 500 s on, linear between its epochs."""
+
+    def change(gnss: GnssTable, rows: np.ndarray) -> None:
+        t, was = seconds(gnss.t_ns), gnss.doppler_hz.copy()
+        for sv in np.unique(gnss.sv):
+            own = np.flatnonzero(gnss.sv == sv)
+            late = own[np.isin(own, rows)]
+            gnss.doppler_hz[late] = np.interp(t[late] - LAG_S, t[own], was[own])
+
+    return with_rows(change, to_s=np.inf)
+
+
+def declared(flight: FlightInMemory, lag_s: float) -> FlightInMemory:
+    """Return a flight whose file says that the range rates lag."""
+    gnss = flight.config.gnss.model_copy(update={"range_rate_lag_s": lag_s})
+    return replace(flight, config=flight.config.model_copy(update={"gnss": gnss}))
+
+
+def test_lag_of_the_range_rates_is_found_in_a_turn_and_named() -> None:
+    run = insgnss.replay(lagging())
+    (detail,) = told(run, LATE)[:1]
+    assert float(re.findall(r"lag ([\d.]+) s", detail)[0]) == pytest.approx(LAG_S, abs=0.05)
+    assert "gnss.range_rate_lag_s" in detail
+    others = {"reset", "restart", "sensor_suspect", "imu_distrusted", "time_tag_suspect", "kind_refused"}
+    assert not others & set(run.events["kind"])
+    assert sigmas(run, FAULT_S + when(run, LATE)[0], POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
+def test_lag_that_is_declared_is_no_fault() -> None:
+    (row,) = (row for row in fault_rows() if row.name == "fault_doppler_late")
+    _, log, flight = drawn(replace(row, grade="tactical"), 3)
+    start_ns = int(flight.logs.imu.t_ns[0])
+    late = spoiling.late_doppler(
+        Case(log.imu, log.gnss, log.navigation, start_ns), 0.0, np.random.default_rng(1)
+    )
+    run = insgnss.replay(declared(replace(flight, logs=replace(flight.logs, gnss=late.gnss)), LAG_S))
+    assert set(run.events["kind"]) <= {"start", "heading_known", "heading_single"}
+    assert run.errors is not None
+    known = run.errors[run.errors["time_s"] > run.errors["time_s"].iloc[0] + 100.0]
+    names = (*POSITION, *VELOCITY, *ATTITUDE)
+    assert max((known[f"d_{name}"].abs() / known[f"sd_{name}"]).max() for name in names) < 5.0
+
+
+def test_lag_that_is_declared_but_not_there_is_found_not_to_be() -> None:
+    run = insgnss.replay(declared(with_logs(), LAG_S))
+    assert "lag 0.00 s" in told(run, LATE)[0]
