@@ -21,8 +21,8 @@ from insgnss.gnss.observation_rows import GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-# share of what the lateness adds to a range rate that the law may be wrong by, for a T of a second. Forces change within
-# about a second, so laws differ by T^2 j / 4, a quarter of it. Rates that are linear between epochs 1 s apart and 0.2 s
+# share of what the lateness adds to a range rate that the law may be wrong by, for a T of a second. Where forces change
+# within a second, laws differ by T^2 j / 4, a quarter of it. Rates that are linear between epochs 1 s apart and 0.2 s
 # late differ by more: with 0.3 the inertial sensors were blamed in 8 of 12 flights, with 0.9 in none of 6
 LATE_RATE_DOUBT: Final = 0.9
 
