@@ -105,11 +105,11 @@ def search(
     if not moving:
         return None
     maps = np.concatenate([factor * signed_permutations() for factor in factors])
-    shift, contrast = _scan(imu, origin_ns, moving, declared[None] * factors[0], base_s, QUICK_STEP_S)
+    shift, contrast = scan(imu, origin_ns, moving, declared[None] * factors[0], base_s, QUICK_STEP_S)
     match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors, declared)
     right = any(is_map(h, declared, factors[0]) for h in match.tied)
     if contrast < SURE or not right:
-        shift, contrast = _scan(imu, origin_ns, moving, maps, base_s, FULL_STEP_S)
+        shift, contrast = scan(imu, origin_ns, moving, maps, base_s, FULL_STEP_S)
         match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors, declared)
     return match
 
@@ -139,7 +139,7 @@ def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
     return hypothesis.factor == factor and bool(np.array_equal(hypothesis.gyro_map, gyro_map))
 
 
-def _scan(
+def scan(
     imu: ImuTable, origin_ns: int, moving: list[GnssStretch], maps: Float64, base_s: float, step_s: float
 ) -> tuple[float, float]:
     """Return the shift with the least cost over all maps, zero where that is as good, and the fall below the median."""

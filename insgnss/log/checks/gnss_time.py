@@ -13,9 +13,10 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
+from insgnss.log.checks.coarse_time import coarse_shift
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.tag_shift import TagShift, shift_by_ranges
-from insgnss.log.checks.time_offset import HOUR_S, scale_for
+from insgnss.log.checks.tag_shift import TagShift, is_refuted, shift_by_ranges
+from insgnss.log.checks.time_offset import HOUR_S, SIGNIFICANT_SIGMAS, SMALLEST_S, scale_for, split
 from insgnss.log.checks.track import Solve, solved_share
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_rows import epochs, satellites_per_epoch
@@ -27,6 +28,7 @@ AGREEING: Final = 0.7  # of the tried epochs
 FOUR: Final = 4  # satellites of an epoch for a place
 PLENTY: Final = 6  # so many that masks and a clock for a second system leave enough
 LEAST_EPOCHS: Final = 3
+NEAR_WHOLE_S: Final = 60.0  # of hours or weeks: a shift is said as them and the rest
 
 
 class _Shift(NamedTuple):
@@ -43,10 +45,11 @@ class _Shift(NamedTuple):
 def gnss_time_findings(
     flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
 ) -> list[Finding]:
-    """Return the whole weeks, hours or leap seconds by which the GNSS tags are off, or any time up to 20 s.
+    """Return by how much the GNSS tags are off: weeks, hours, leap seconds, or any time up to 14 hours.
 
-    The pseudoranges show it. With few satellites several whole shifts may do: then the one that makes the logs overlap
-    counts. Epochs with fewer than four satellites of known messages say nothing.
+    The pseudoranges show it. With few satellites only whole weeks, hours and leap seconds are sought, and several may
+    do: then the one that makes the logs overlap counts. Epochs with fewer than four satellites of known messages say
+    nothing.
     """
     if navigation is None or not navigation.has_messages or gnss.sat is not None:
         return []
@@ -59,13 +62,12 @@ def gnss_time_findings(
         ]
     sample = _sample(gnss, enough)
     agree = solved_share(solve, sample, tested=False) >= AGREEING
-    shifts = [] if agree else _fitting(solve, sample, navigation)
-    if not shifts:
-        off = shift_by_ranges(solve, sample, AGREEING)
-        if off is not None:
-            return [_finding_of_any(flight, off)]
+    off = _off_by_any(solve, sample, navigation, agree=agree)
+    if off is not None:
+        return [_finding_of_any(flight, off, sample)]
     if agree:
         return []
+    shifts = _fitting(solve, sample, navigation)
     sure = "sure: no other shift does"
     if len(shifts) > 1 and imu is not None:
         leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
@@ -89,6 +91,17 @@ def gnss_time_findings(
         ]
     advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
     return [Finding("error", "gnss", text + alternatives, advice)]
+
+
+def _off_by_any(
+    solve: Solve, sample: GnssTable, navigation: NavigationData, *, agree: bool
+) -> TagShift | None:
+    """Return the shift, of any size, with which the pseudoranges agree; None if they agree as logged or with none."""
+    off = shift_by_ranges(solve, sample, AGREEING)
+    if off is not None or agree:
+        return off
+    begin_s = coarse_shift(sample, navigation, _weeks_to_messages(sample, navigation))
+    return None if begin_s is None else shift_by_ranges(solve, sample, AGREEING, begin_s)
 
 
 def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:
@@ -122,7 +135,8 @@ def _fitting(solve: Solve, sample: GnssTable, navigation: NavigationData) -> lis
         shifts = []
         for shift in group:
             shifted = replace(sample, t_ns=sample.t_ns + shift.seconds(leap) * NS_PER_S)
-            if solved_share(solve, shifted, tested=True) >= AGREEING:
+            fits = solved_share(solve, shifted, tested=True) >= AGREEING
+            if fits and not is_refuted(solve, shifted, 0.0):
                 shifts.append(shift)
         if shifts:
             return shifts
@@ -140,16 +154,18 @@ def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:
     return round(apart_s / S_PER_WEEK)
 
 
-def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Finding:
+def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str, rest_s: float = 0.0) -> Finding:
+    """Return the finding of weeks, hours or leap seconds and, to be added too, ``rest_s``."""
     leap = leap_seconds(ns_to_datetime(int(gnss.t_ns[0])))
     config = flight.config
     words = [f"{shift.weeks:+d} week(s)"] if shift.weeks else []
     words += [f"{shift.hours:+d} hour(s)"] if shift.hours else []
     words += [f"{shift.leaps * leap:+d} leap seconds"] if shift.leaps else []
+    words += [f"{rest_s:+.3f} s"] if rest_s else []
     text = f"the pseudoranges agree on a position with the GNSS tags shifted by {' and '.join(words)}"
     why = "only this shift makes the pseudoranges agree on a position"
     proposals = []
-    added = shift.hours * HOUR_S
+    added = shift.hours * HOUR_S + rest_s
     if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:
         proposals.append(Proposal("gps_week", config.gps_week + shift.weeks, why))
     else:
@@ -165,7 +181,14 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Findi
     return Finding("error", "gnss", text, "", sure, tuple(proposals))
 
 
-def _finding_of_any(flight: Flight, off: TagShift) -> Finding:
+def _finding_of_any(flight: Flight, off: TagShift, sample: GnssTable) -> Finding:
+    """Return the finding of a shift, as weeks, hours or leap seconds where it is them."""
+    leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
+    weeks, hours, leaps, rest_s = split(off.shift_s, leap)
+    if (weeks or hours or leaps) and abs(rest_s) < NEAR_WHOLE_S:
+        whole = abs(rest_s) <= max(SIGNIFICANT_SIGMAS * off.sd_s, SMALLEST_S)
+        sure = "sure: no other shift does" if whole else f"sure: sigma {off.sd_s:.3f} s"
+        return _finding(flight, _Shift(weeks, hours, leaps), sample, sure, 0.0 if whole else rest_s)
     side = "late" if off.shift_s < 0.0 else "early"
     text = (
         f"the GNSS tags are {abs(off.shift_s):.3f} s {side}: the pseudoranges contradict each other as logged and agree"

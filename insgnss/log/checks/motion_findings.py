@@ -8,6 +8,7 @@ import numpy as np
 
 from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.log.checks.declaration import AxesDeclaration
+from insgnss.log.checks.far_shift import FARTHEST_S, far_shift
 from insgnss.log.checks.lever_arm import lever_arm_findings
 from insgnss.log.checks.refinement import ANY_LEVER_M, TAU, RefinedEstimate, refine
 from insgnss.log.checks.report import Finding, Proposal
@@ -45,6 +46,12 @@ def motion_findings(
     base_s : whole hours or weeks that the inertial tags are off, added to them here
     """
     match = match_of(flight, declared, track, base_s)
+    far_s = far_shift(
+        declared, track, match, lambda shift_s: _common(flight, declared, track, shift_s, 0.35), base_s
+    )
+    if far_s is not None:
+        base_s = far_s
+        match = match_of(flight, declared, track, base_s)
     if match is None:
         return [_no_motion()]
     match = _weighed(match, flight, declared, track, base_s + match.shift_s)
@@ -162,7 +169,8 @@ def _no_motion() -> Finding:
 def _unexplained(match: Match) -> Finding:
     text = (
         f"no hypothesis makes the inertial log fit the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
-        " mappings, both gyro units, shifts of 22 s"
+        " mappings and both gyro units with shifts of 22 s, the declared axes with shifts of"
+        f" {FARTHEST_S / 60.0:.0f} min"
     )
     return Finding("warning", "motion", text, "check that the inertial log is of this drive")
 

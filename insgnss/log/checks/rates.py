@@ -19,6 +19,7 @@ from insgnss.tables import Bool, Float64, GnssTable, Int64
 
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 MIN_PAIRS: Final = 10
+LONGEST_SPAN_S: Final = 30.0  # over which the ranges' noise is divided
 MEDIAN_PER_MEAN: Final = 1.2533  # sigma of a median over that of a mean, sqrt(pi / 2)
 # Differences of range rate between satellites below this say nothing about sign and unit
 MIN_RATE_MPS: Final = 30.0
@@ -32,6 +33,7 @@ CARRIER_TOLERANCE: Final = 1e-3  # of a ratio of two carriers
 CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
 # Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
 JUMP_TOLERANCE: Final = 0.05
+_ALL: Final = ""  # the key of all satellites' ratio
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
 
 
@@ -80,20 +82,65 @@ def rate_findings(gnss: GnssTable, pairs: RatePairs, config: Gnss) -> list[Findi
     """Compare range rates with the change of the pseudoranges, both against the epoch's median (no receiver clock)."""
     if not len(pairs.epoch):
         return []
+    labels = _labels(gnss)
+    by_signal = _ratios(pairs, labels)
+    if not by_signal:
+        return [Finding("ok", "gnss", "too little relative motion to judge sign and unit of the range rates")]
+    of_spans = _ratios(_over_spans(pairs, gnss), labels)
+    by_signal = {name: min(one, of_spans.get(name, one), key=_sd) for name, one in by_signal.items()}
+    finding = _slope_finding(by_signal.pop(_ALL).value, gnss, config)
+    if finding.severity != "ok":
+        return [finding]
+    wrong = {name: one for name, one in by_signal.items() if _contradicts(one)}
+    return [_scale_finding(name, one, gnss) for name, one in wrong.items()] or [finding]
+
+
+def _ratios(pairs: RatePairs, labels: npt.NDArray[np.str_]) -> dict[str, _Ratio]:
+    """Return the ratio of all satellites and of each signal's, empty where too few move against the others.
+
+    Both rates are held against their epoch's median, which takes out the receiver clock.
+    """
     code = pairs.from_code - _spread(pairs.from_code, pairs.epoch)
     rate = pairs.from_rate - _spread(pairs.from_rate, pairs.epoch)
     fast = (np.abs(code) > MIN_RATE_MPS) & (rate != 0.0)
     if fast.sum() < MIN_PAIRS:
-        return [Finding("ok", "gnss", "too little relative motion to judge sign and unit of the range rates")]
-    each, epoch = code[fast] / rate[fast], pairs.epoch[fast]
-    ratio = _ratio(each, epoch)
-    finding = _slope_finding(ratio.value, gnss, config)
-    if finding.severity != "ok":
-        return [finding]
-    label = _labels(gnss)[pairs.row[fast]]
-    by_signal = {name: _ratio(each[label == name], epoch[label == name]) for name in np.unique(label)}
-    wrong = {name: one for name, one in by_signal.items() if _contradicts(one)}
-    return [_scale_finding(name, one, gnss) for name, one in wrong.items()] or [finding]
+        return {}
+    each, epoch, label = code[fast] / rate[fast], pairs.epoch[fast], labels[pairs.row[fast]]
+    of_signals = {str(name): _ratio(each[label == name], epoch[label == name]) for name in np.unique(label)}
+    return {_ALL: _ratio(each, epoch)} | of_signals
+
+
+def _sd(ratio: _Ratio) -> float:
+    return ratio.sd
+
+
+def _over_spans(pairs: RatePairs, gnss: GnssTable) -> RatePairs:
+    """Return the rates over spans of many epochs, which follow each other: the ranges' noise counts once a span.
+
+    The range rates are summed over the epochs between. A span has no gap, and all satellites' spans end together.
+    """
+    step_s = float(np.median(pairs.dt_s))
+    n = (
+        min(round(LONGEST_SPAN_S / step_s), int(np.ptp(pairs.epoch)) // (2 * MIN_PAIRS))
+        if step_s > 0.0
+        else 1
+    )
+    if n < 2 or len(pairs.epoch) <= n:
+        return pairs
+    channel = gnss.sv[pairs.row].astype(np.int64) * len(gnss.signal_names) + gnss.signal[pairs.row]
+    arc = np.cumsum(np.concatenate(([0], (np.diff(channel) != 0) | (np.diff(pairs.epoch) != 1))))
+    changes = (pairs.from_code * pairs.dt_s, pairs.from_rate * pairs.dt_s, pairs.dt_s)
+    code, rate, time = (np.concatenate(([0.0], np.cumsum(change))) for change in changes)
+    end = np.arange(n - 1, len(arc))
+    end = end[(arc[end] == arc[end - (n - 1)]) & (pairs.epoch[end] % n == 0)]
+    dt_s = time[end + 1] - time[end + 1 - n]
+    return RatePairs(
+        pairs.epoch[end],
+        (code[end + 1] - code[end + 1 - n]) / dt_s,
+        (rate[end + 1] - rate[end + 1 - n]) / dt_s,
+        dt_s,
+        pairs.row[end],
+    )
 
 
 def _ratio(each: Float64, epoch: Int64) -> _Ratio:

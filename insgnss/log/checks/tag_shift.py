@@ -34,7 +34,9 @@ class TagShift(NamedTuple):
     sd_s: float  # of one epoch: errors of the ranges persist from epoch to epoch
 
 
-def shift_by_ranges(solve: Solve, sample: GnssTable, agreeing: float) -> TagShift | None:
+def shift_by_ranges(
+    solve: Solve, sample: GnssTable, agreeing: float, begin_s: float = 0.0
+) -> TagShift | None:
     """Return the shift of the tags with which the pseudoranges agree; None if they agree as logged or with none.
 
     Parameters
@@ -42,19 +44,29 @@ def shift_by_ranges(solve: Solve, sample: GnssTable, agreeing: float) -> TagShif
     solve : gives the track of a log
     sample : some epochs of the log
     agreeing : least share of the epochs whose ranges must agree with the shift, up to reflections
+    begin_s : shift that the search begins at, within some ten seconds of what it finds
     """
-    found = TagShift(0.0, np.inf)
+    found = TagShift(begin_s, np.inf)
     for _ in range(SHIFT_PASSES):
-        at, late, early = (_chi_square(solve, sample, found.shift_s + h) for h in (0.0, PROBE_S, -PROBE_S))
-        if at is None or late is None or early is None:
-            return None
-        parabola = _lowest(at, late, early)
+        parabola = _parabola(solve, sample, found.shift_s)
         if parabola is None or (found.shift_s == 0.0 and not _is_significant(parabola)):
             return None
         found = TagShift(found.shift_s + parabola.shift_s, parabola.sd_s)
     if not _is_significant(found):
         return None
     return found if solved_share(solve, _later(sample, found.shift_s), tested=False) >= agreeing else None
+
+
+def is_refuted(solve: Solve, sample: GnssTable, shift_s: float) -> bool:
+    """Return whether the pseudoranges agree better with tags a little off a shift than with it."""
+    parabola = _parabola(solve, sample, shift_s)
+    return parabola is not None and _is_significant(parabola)
+
+
+def _parabola(solve: Solve, sample: GnssTable, shift_s: float) -> TagShift | None:
+    """Return how far from a shift chi-square is lowest, None where it has no minimum or too few ranges."""
+    at, late, early = (_chi_square(solve, sample, shift_s + h) for h in (0.0, PROBE_S, -PROBE_S))
+    return None if at is None or late is None or early is None else _lowest(at, late, early)
 
 
 def _is_significant(shift: TagShift) -> bool:

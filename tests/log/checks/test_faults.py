@@ -97,6 +97,44 @@ def test_gnss_tags_that_are_off_by_any_time_are_not_laid_on_the_inertial_log(
     assert "IMU and GNSS tags agree" in text
 
 
+@pytest.mark.parametrize("seconds", [47.3, -131.2, -1800.0])
+def test_gnss_tags_that_are_off_by_minutes_are_found(seconds: float, short: Log, tmp_path: Path) -> None:
+    report = examine(Flight.load(gnss_later(short, seconds).write(tmp_path)))
+    (proposal,) = report.sure_proposals
+    assert proposal.key == "gnss.time.offset_s"
+    assert proposal.value == pytest.approx(-seconds, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(3600.3, "-1 hour(s) and -0.3"), (-18.3, "+18 leap seconds and +0.3"), (7200.0, "-2 hour(s)\n")],
+)
+def test_rest_beside_hours_and_leap_seconds_is_told(
+    seconds: float, said: str, short: Log, tmp_path: Path
+) -> None:
+    report = examine(Flight.load(gnss_later(short, seconds).write(tmp_path)))
+    assert said in "\n".join(finding.text + "\n" for finding in report.of("error"))
+    values = {p.key: p.value for p in report.sure_proposals}
+    added_s = 18.0 if values.pop("gnss.time.scale", "gps") == "utc" else 0.0
+    assert added_s + float(str(values.pop("gnss.time.offset_s"))) == pytest.approx(-seconds, abs=0.005)
+    assert not values
+
+
+@pytest.mark.parametrize("seconds", [31.7, -95.0])
+def test_inertial_tags_that_are_off_by_minutes_are_found(seconds: float, short: Log, tmp_path: Path) -> None:
+    report = examine(Flight.load(imu_later(short, seconds).write(tmp_path)))
+    (proposal,) = report.sure_proposals
+    assert proposal.key == "imu.time.offset_s"
+    assert proposal.value == pytest.approx(-seconds, abs=0.06)
+
+
+def test_inertial_log_of_another_drive_gets_no_offset_of_minutes(short: Log, tmp_path: Path) -> None:
+    imu = short.imu.copy()
+    imu[:, 1:] = imu[::-1, 1:]
+    report = examine(Flight.load(replace(short, imu=imu).write(tmp_path)))
+    assert report.sure_proposals == ()
+
+
 def test_offset_is_not_sure_where_no_time_makes_the_pseudoranges_agree(short: Log, tmp_path: Path) -> None:
     """Each satellite's ranges are hundreds of metres off: either log's tags may be the wrong ones."""
     gnss = short.gnss.copy()
@@ -129,11 +167,22 @@ def test_doppler_of_another_carrier_is_an_error_and_gives_no_velocity(
     assert report.proposals == (), text
 
 
+def test_scale_of_three_thousandths_shows_though_the_ranges_are_noisy(short: Log, tmp_path: Path) -> None:
+    """An epoch's ratio is off by 0.5 % here; over ten seconds the ranges change by kilometres."""
+    gnss, rng = scaled_doppler(short, 1.003).gnss.copy(), np.random.default_rng(5)
+    gnss["pseudorange_m"] = [
+        f"{float(p) + rng.normal(0.0, 1.0):.4f}" if p else "" for p in gnss["pseudorange_m"]
+    ]
+    report = examine(Flight.load(replace(short, gnss=gnss).write(tmp_path)))
+    (error,) = report.of("error")
+    assert "contradict the pseudoranges: these change 0.99" in error.text
+
+
 def test_ratio_that_its_own_noise_explains_is_no_error(short: Log, tmp_path: Path) -> None:
-    """With pseudoranges noisy by 80 m the ratio leaves 1 by more than the least that counts."""
+    """With pseudoranges noisy by 300 m the ratio leaves 1 by more than the least that counts."""
     gnss, rng = short.gnss.copy(), np.random.default_rng(5)
     gnss["pseudorange_m"] = [
-        f"{float(p) + rng.normal(0.0, 80.0):.4f}" if p else "" for p in gnss["pseudorange_m"]
+        f"{float(p) + rng.normal(0.0, 300.0):.4f}" if p else "" for p in gnss["pseudorange_m"]
     ]
     text = "\n".join(examine(Flight.load(replace(short, gnss=gnss).write(tmp_path))).lines())
     (ratio,) = re.findall(r"range rates agree with the pseudoranges \(ratio ([0-9.]+)\)", text)
@@ -227,3 +276,16 @@ def test_real_logs_get_no_proposal_and_no_error(name: str, data_root: Path) -> N
     assert not any(finding.topic == "motion" and finding.severity != "ok" for finding in report.findings), (
         text
     )
+
+
+@pytest.mark.real_data
+def test_minutes_are_not_taken_for_hours_where_few_messages_serve_there(
+    data_root: Path, tmp_path: Path
+) -> None:
+    """Three hours later messages of a few satellites alone are valid, and their ranges agreed on some place."""
+    if not (data_root / "walk_boulder_20250828").is_dir():
+        pytest.skip("no real log")
+    log = log_of(FLIGHTS / "walk.toml", 60.0)
+    report = examine(Flight.load(gnss_later(log, 25.3).write(tmp_path)))
+    values = {p.key: p.value for p in report.sure_proposals}
+    assert float(str(values["gnss.time.offset_s"])) == pytest.approx(-25.3, abs=0.02)
