@@ -317,7 +317,7 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
         raise ConfigError(
             f"invalid output rate {output!r} for inertial samples at {samples_hz:.6g} Hz",
             key="output",
-            advice=f"give 'gnss', 'imu' or a rate from {slowest_hz:.6g} to {fastest_hz:.6g} Hz",
+            advice=f"give 'gnss', 'imu' or a number of Hz, as output=10, from {slowest_hz:.6g} to {fastest_hz:.6g}",
         )
     period = NS_PER_S / rate_hz
     # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
