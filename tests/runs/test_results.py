@@ -264,7 +264,7 @@ def test_impossible_output_rate_is_a_typed_error_with_the_bounds(log: SimulatedL
     with pytest.raises(ConfigError, match=r"invalid output rate .* for inertial samples at 100 Hz") as caught:
         insgnss.replay(flight(turns(DURATION_S), log), output=output)
     assert caught.value.key == "output"
-    assert caught.value.advice == "give 'gnss', 'imu' or a rate from 0.0166694 to 1000 Hz"
+    assert caught.value.advice == "give 'gnss', 'imu' or a number of Hz, as output=10, from 0.0166694 to 1000"
 
 
 def test_output_rate_may_be_one_in_the_log_and_ten_in_a_sample() -> None:
