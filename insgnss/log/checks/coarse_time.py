@@ -63,7 +63,11 @@ def coarse_shift(sample: GnssTable, navigation: NavigationData, weeks: int) -> f
     starts_s = weeks * 7.0 * 24.0 * S_PER_H + np.arange(-reach_s, reach_s + 1.0, _START_STEP_S)
     if len(blocks.row) == 0:
         return None
-    problems = _Problems(*(np.repeat(a, len(starts_s), axis=0) for a in blocks[:3]), blocks.n_systems)
+    n = len(starts_s)
+    row, used, system = (np.repeat(a, n, axis=0) for a in (blocks.row, blocks.used, blocks.system))
+    problems = _Problems(
+        row.astype(np.int64), used.astype(np.bool_), system.astype(np.int64), blocks.n_systems
+    )
     state, rms_m = _fitted(sample, messages, problems, np.tile(starts_s, len(blocks.row)))
     distance = np.linalg.norm(state.r_e, axis=1)
     fits = (rms_m < _FITTING_M) & (distance > NEAREST_M) & (distance < _HIGHEST_M)
