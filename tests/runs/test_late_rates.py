@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 
 import insgnss
+from insgnss.config.library import filter_config
 from insgnss.log.flight import FlightInMemory
+from insgnss.runs.engine import Engine
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import GnssTable
 from tests.benchmarks.trust import spoiling
 from tests.benchmarks.trust.faults import fault_rows
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.rows import Case
+from tests.filter.test_engine import assert_same_bits, no_delay, shortened, stream
 from tests.runs.test_suspects import (
     ATTITUDE,
     FAULT_S,
@@ -61,6 +65,15 @@ def test_lag_of_the_range_rates_is_found_in_a_turn_and_named() -> None:
     others = {"reset", "restart", "sensor_suspect", "imu_distrusted", "time_tag_suspect", "kind_refused"}
     assert not others & set(run.events["kind"])
     assert sigmas(run, FAULT_S + when(run, LATE)[0], POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
+def test_engine_finds_the_lag_as_replay_does_to_the_bit() -> None:
+    flight = lagging()
+    logs = shortened(flight.logs, FAULT_S + 60.0)
+    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    stream(engine, logs, no_delay())
+    assert_same_bits(engine.take_results(all_of_them=True), logs, replace(flight, logs=logs))
+    assert LATE in {event.kind for event in engine.events}
 
 
 def test_lag_that_is_declared_is_no_fault() -> None:
