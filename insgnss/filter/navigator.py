@@ -264,7 +264,7 @@ class Navigator:
             mark_rows(out, rows, epoch, None)
             return 1
         self.bank = bank
-        self.health.place_what_is_known(bank)
+        self.health.place_what_is_known(bank, self.starter.carried)
         self.started_ns = int(bank.head[0].now_ns)
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()

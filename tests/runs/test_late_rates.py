@@ -14,7 +14,7 @@ from insgnss.config.library import filter_config
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.engine import Engine
 from insgnss.runs.setup import setup_filter
-from insgnss.tables import GnssTable
+from insgnss.tables import GnssTable, ImuTable
 from tests.benchmarks.trust import spoiling
 from tests.benchmarks.trust.faults import fault_rows
 from tests.benchmarks.trust.flying import drawn
@@ -65,6 +65,16 @@ def test_lag_of_the_range_rates_is_found_in_a_turn_and_named() -> None:
     others = {"reset", "restart", "sensor_suspect", "imu_distrusted", "time_tag_suspect", "kind_refused"}
     assert not others & set(run.events["kind"])
     assert sigmas(run, FAULT_S + when(run, LATE)[0], POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
+def test_lag_that_was_found_is_kept_over_a_gap_of_the_inertial_samples() -> None:
+    flight, gap_s = lagging(), FAULT_S + 50.0
+    imu = flight.logs.imu
+    kept = np.abs(seconds(imu.t_ns) - gap_s) > 5.0
+    imu = ImuTable(imu.t_ns[kept], imu.w_ib_b[kept], imu.f_b[kept])
+    run = insgnss.replay(replace(flight, logs=replace(flight.logs, imu=imu)))
+    assert when(run, "start")[1] > when(run, "imu_gap")[0] > when(run, LATE)[0]
+    assert sigmas(run, gap_s + 7.0, POSITION, VELOCITY, ATTITUDE) < 5.0
 
 
 def test_engine_finds_the_lag_as_replay_does_to_the_bit() -> None:

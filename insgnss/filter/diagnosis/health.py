@@ -54,6 +54,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.carried_start import CarriedState
 from insgnss.filter.start.fix import Fix, fix_epoch
 from insgnss.filter.state import Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
@@ -129,8 +130,10 @@ class FilterHealth:
             return True
         return code == DONE and self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
-    def place_what_is_known(self, bank: Bank) -> None:
-        """Write into a filter that starts what its sensors and range rates are known to do."""
+    def place_what_is_known(self, bank: Bank, carried: CarriedState | None) -> None:
+        """Write into a filter that starts what its sensors and range rates are known to do, before a gap or after."""
+        if self.rates_late_s is None and carried is not None:
+            self.rates_late_s = float(carried.state.rates_late_s)
         bank.state["noise_excess"] = self.credit.excess
         bank.state["rates_out_ns"] = self.rates_out_ns
         known = self.setup.range_rate_lag_s if self.rates_late_s is None else self.rates_late_s
