@@ -113,8 +113,12 @@ class StartValidation:
     def _agreeing(self) -> Bool:
         """Return which hypotheses have the attitude of the given start, its own of course."""
         assert self.bank is not None
-        n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)
-        return np.array([i in given or any(_agree(self.bank, sigma, i, j) for j in given) for i in range(n)])
+        return self._with_given(_agreement(self.bank))
+
+    def _with_given(self, agreement: Bool) -> Bool:
+        """Return which hypotheses are the given start or agree with it."""
+        given = np.arange(len(agreement)) < self.n_given
+        return np.asarray(given | agreement[:, : self.n_given].any(axis=1))
 
     def update(
         self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
@@ -240,13 +244,12 @@ class StartValidation:
         assert self.bank is not None
         weight = self.bank.state["log_weight"]
         hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
-        sigma, keep = _heading_sigmas(self.bank), list(range(self.n_given))
+        agreement, keep = _agreement(self.bank), list(range(self.n_given))
         for i in np.argsort(-weight, kind="stable"):
             alternative = i >= self.n_given and weight[i] >= hopeless
-            if alternative and not any(_agree(self.bank, sigma, int(i), j) for j in keep[self.n_given :]):
+            if alternative and not agreement[i, keep[self.n_given :]].any():
                 keep.append(int(i))
-        agreeing = self._agreeing()
-        self.over = bool(agreeing[keep].all())
+        self.over = bool(self._with_given(agreement)[keep].all())
         if len(keep) < len(weight) and not self.over:
             self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
@@ -294,27 +297,28 @@ def _heading_sigmas(bank: Bank) -> Float64:
     return np.array([math.sqrt(max(yaw_variance(m, P), 0.0)) for m, P in pairs])
 
 
-def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
-    """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
+def _agreement(bank: Bank) -> Bool:
+    """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well, (m, m).
 
     The gyro biases belong to it: a wrong heading that they have explained away may pass the right one on its way.
 
     Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
     """
-    if sigma[i] > max(SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
-        return False
-    turn = bank.state["C_eb"][i] @ bank.state["C_eb"][j].T
-    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
-    angle = math.atan2(sine, cosine)
-    P = bank.P[i][np.ix_(_TURNING, _TURNING)] + np.diag(
-        [SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
-    )
-    if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or (sine < 1e-9 and cosine < 0.0):
-        return False
-    psi = 0.5 * axis * (angle / max(sine, 1e-12))
-    d = np.concatenate([psi, bank.state["b_g"][i] - bank.state["b_g"][j]])
-    return float(d @ np.linalg.solve(P, d)) < _SAME_ATTITUDE
+    sigma, C_eb, b_g = _heading_sigmas(bank), bank.state["C_eb"], bank.state["b_g"]
+    turn = C_eb[:, None] @ C_eb.transpose(0, 2, 1)
+    axis = np.stack([turn[..., k, j] - turn[..., j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=-1)
+    sine = 0.5 * np.linalg.norm(axis, axis=-1)
+    cosine = 0.5 * (np.trace(turn, axis1=2, axis2=3) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    least = [SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
+    P = bank.P[:, _TURNING, :][:, :, _TURNING] + np.diag(least)
+    psi = 0.5 * axis * (angle / np.maximum(sine, 1e-12))[..., None]
+    d = np.concatenate([psi, b_g[:, None] - b_g], axis=-1)
+    distance2 = np.einsum("ijk,ikj->ij", d, np.linalg.solve(P, d.transpose(0, 2, 1)))
+    known = sigma[:, None] <= np.maximum(SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma)
+    near = angle**2 <= _SAME_ATTITUDE * np.trace(P[:, :3, :3], axis1=1, axis2=2)[:, None]
+    opposite = (sine < 1e-9) & (cosine < 0.0)
+    return np.asarray(known & near & ~opposite & (distance2 < _SAME_ATTITUDE))
 
 
 def _log_sum(weights: Float64) -> float:
