@@ -73,6 +73,9 @@ def place_negative(target: Float64, at: int, a: Vector | Float64) -> None:
 
 def cross_product(a: Float64, b: Float64) -> Float64:
     """Return a x b of arrays along the last axis, without the copies that NumPy's own makes."""
+    if a.ndim == b.ndim == 1:
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]

@@ -35,9 +35,8 @@ class SecondOrder(NamedTuple):
 
         Equation: E = tr(M^T P_ab), Var = tr(M P_bb M^T P_aa) + tr(M P_ba M P_ba)
         """
-        P_aa, P_bb, P_ab = (
-            P[np.ix_(*each)] for each in ((self.a, self.a), (self.b, self.b), (self.a, self.b))
-        )
+        a, b = self.a[:, None], self.b[:, None]
+        P_aa, P_bb, P_ab = P[a, self.a], P[b, self.b], P[a, self.b]
         turned = self.M @ P_ab.T
         variance = np.sum((self.M @ P_bb @ self.M.T) * P_aa) + np.sum(turned * turned.T)
         return float(np.sum(self.M * P_ab)), float(variance)
@@ -107,6 +106,8 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
         message = _at(kind, t_ns, "a row has no partials")
         raise MeasurementError(message, advice=f"name at least one of: {layout}")
     h = np.concatenate([values for values, _, _ in parts])
+    if not np.isfinite(h).all():
+        raise _not_finite(kind, t_ns, dict(zip(row[1], parts, strict=True)), layout)
     columns = _columns(tuple((first, last) for _, first, last in parts))
     return CheckedRow(innovation, h, columns, variance, single, second)
 
@@ -162,15 +163,22 @@ def _partials(
     """Return the partials by a block, and where the block begins and ends in the error state."""
     block = _block(kind, t_ns, name, layout)
     try:
-        values = np.atleast_1d(np.array(given, np.float64))
+        values = np.array([given] if type(given) is float else given, np.float64, ndmin=1)
     except (TypeError, ValueError) as error:
         message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
         raise MeasurementError(message, advice=_wanted_partials(name, block)) from error
-    if values.shape != (block.size,) or not np.isfinite(values).all():
-        message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
-        advice = _wanted_partials(name, block)
-        raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
+    if values.shape != (block.size,):
+        message = _at(kind, t_ns, f"the partials of '{name}' are of shape {values.shape}")
+        raise MeasurementError(message, advice=_wanted_partials(name, block))
     return values, block.columns.start, block.columns.stop
+
+
+def _not_finite(
+    kind: Kind, t_ns: int, parts: Mapping[str, tuple[Float64, int, int]], layout: StateLayout
+) -> MeasurementError:
+    name = next(name for name, (values, _, _) in parts.items() if not np.isfinite(values).all())
+    message = _at(kind, t_ns, f"the partials of '{name}' are {parts[name][0].tolist()}")
+    return MeasurementError(message, advice=_wanted_partials(name, layout[name]))
 
 
 def _wanted_partials(name: str, block: StatePlace) -> str:

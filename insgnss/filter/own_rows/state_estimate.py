@@ -82,13 +82,16 @@ class StateEstimate:
         It is the bias, and what scale factors, misalignments and g-sensitivity make of rate and force, where the filter
         has them as states. The second result says how it grows with each of these blocks, (3, size of the block).
         """
-        error, grows = self.b_g.copy(), {"gyro_bias": np.eye(3)}
+        error, grows = self.b_g.tolist(), {"gyro_bias": np.eye(3)}
         factors = (1.0, *f_b.tolist(), *w_ib_b.tolist())
+        values: dict[str, list[float]] = {}
         for part in self._gyro_parts:
-            by = grows.setdefault(part.block, np.zeros((3, part.size)))
-            by[part.axis, part.component] += factors[part.times]
-            error[part.axis] += np.atleast_1d(self.optional[part.block])[part.component] * factors[part.times]
-        return error, grows
+            if part.block not in grows:
+                grows[part.block] = np.zeros((3, part.size))
+                values[part.block] = np.atleast_1d(self.optional[part.block]).tolist()
+            grows[part.block][part.axis, part.component] += factors[part.times]
+            error[part.axis] += values[part.block][part.component] * factors[part.times]
+        return np.array(error), grows
 
     @cached_property
     def _geodetic(self) -> tuple[float, float, float]:
@@ -172,17 +175,18 @@ def state_estimate(
     samples : those that the filter is carried over
     """
     values: dict[str, float | Float64] = {}
+    optional, clock = m["optional"], m["clock"]
     for name, place in layout.items():
         if place.columns.start < OFFSETS:
             continue
-        part = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
+        part = optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
         values[name] = float(part[0]) if place.size == 1 else read_only(part.copy())
     vectors = {name: read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}
     return StateEstimate(
         t_ns=t_ns,
         **vectors,
-        clock_bias_m=float(m.clock[0]),
-        clock_drift_mps=float(m.clock[1]),
+        clock_bias_m=float(clock[0]),
+        clock_drift_mps=float(clock[1]),
         w_ib_b=read_only(w_ib_b),
         f_b=read_only(f_b),
         optional=MappingProxyType(values),
