@@ -97,8 +97,8 @@ variance.figure()
 # ## Four ways to treat what the channels say meanwhile
 #
 # A receiver that knows nothing of the bank goes on: some channels coast, some find a reflection or another satellite's
-# code, and report pseudoranges. `masking_study` flies the bank with the filter of the package and its fault tests, five
-# times with other errors:
+# code, and report pseudoranges. `masking_study` flies the bank with the filter of the package and its fault tests,
+# three times with other errors:
 #
 # - (a) everything that the receiver reports is offered to the filter,
 # - (b) an elevation mask over the horizon,
@@ -107,7 +107,7 @@ variance.figure()
 #   satellite returns.
 
 # %%
-study = masking_study("sokolov_2015", runs=5)
+study = masking_study("sokolov_2015", runs=3)
 SHOWN = {
     "words": "case",
     "rms_during_m": "rms, m",
@@ -132,7 +132,7 @@ study.rows_figure()
 # The paper's filter has no fault tests. The same flights without any:
 
 # %%
-bare = masking_study("sokolov_2015", runs=4, fault_tests=False)
+bare = masking_study("sokolov_2015", runs=2, fault_tests=False)
 print(bare.cases[list(SHOWN)].rename(columns=SHOWN).round(3).to_string(index=False))
 
 # %% [markdown]

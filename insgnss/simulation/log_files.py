@@ -19,6 +19,7 @@ ACCEL_DECIMALS = 5  # m/s^2: a thousandth of a tactical accelerometer's noise at
 
 ANGLE_DECIMALS = 11  # rad: a tenth of a navigation grade's noise at 1 kHz
 VELOCITY_DECIMALS = 9  # m/s: the same
+_GZIP_LEVEL: Final = 7  # the highest takes four times as long for files that are 0.8 % smaller
 
 
 def write_imu(path: Path, imu: ImuTable, week: int) -> None:
@@ -117,4 +118,5 @@ def _write(path: Path, header: str, formats: list[str], rows: Float64) -> None:
     np.savetxt(text, rows + 0.0, fmt=formats, delimiter=",", header=header, comments="")
     data = text.getvalue()
     # no time and no name in the gzip header: the same log gives the same bytes
-    path.write_bytes(gzip.compress(data, 9, mtime=0) if path.suffix == ".gz" else data)
+    packed = gzip.compress(data, _GZIP_LEVEL, mtime=0) if path.suffix == ".gz" else data
+    path.write_bytes(packed)

@@ -108,15 +108,10 @@ class StartValidation:
             return 0.0
         weight = self.bank.state["log_weight"]
         alone = _log_sum(weight[: self.n_given])
-        return alone if alone > _HALF else _log_sum(weight[self._agreeing()])
+        return alone if alone > _HALF else _log_sum(weight[self._agreeing(_agreement(self.bank))])
 
-    def _agreeing(self) -> Bool:
+    def _agreeing(self, agreement: Bool) -> Bool:
         """Return which hypotheses have the attitude of the given start, its own of course."""
-        assert self.bank is not None
-        return self._with_given(_agreement(self.bank))
-
-    def _with_given(self, agreement: Bool) -> Bool:
-        """Return which hypotheses are the given start or agree with it."""
         given = np.arange(len(agreement)) < self.n_given
         return np.asarray(given | agreement[:, : self.n_given].any(axis=1))
 
@@ -249,7 +244,7 @@ class StartValidation:
             alternative = i >= self.n_given and weight[i] >= hopeless
             if alternative and not agreement[i, keep[self.n_given :]].any():
                 keep.append(int(i))
-        self.over = bool(self._with_given(agreement)[keep].all())
+        self.over = bool(self._agreeing(agreement)[keep].all())
         if len(keep) < len(weight) and not self.over:
             self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
