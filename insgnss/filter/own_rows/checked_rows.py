@@ -157,13 +157,11 @@ def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
         raise MeasurementError(message, advice="give one number") from error
 
 
-def _partials(
-    kind: Kind, t_ns: int, name: str, given: npt.ArrayLike, layout: StateLayout
-) -> tuple[Float64, int, int]:
+def _partials(kind: Kind, t_ns: int, name: str, given: Any, layout: StateLayout) -> tuple[Float64, int, int]:
     """Return the partials by a block, and where the block begins and ends in the error state."""
     block = _block(kind, t_ns, name, layout)
     try:
-        values = np.array([given] if type(given) is float else given, np.float64, ndmin=1)
+        values = np.array([given] if isinstance(given, float) else given, np.float64, ndmin=1)
     except (TypeError, ValueError) as error:
         message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
         raise MeasurementError(message, advice=_wanted_partials(name, block)) from error
