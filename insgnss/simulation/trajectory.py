@@ -128,20 +128,18 @@ class Trajectory:
         gravity_along(r, gravity)
         return gravity + np.cross(EARTH_RATE_E, np.cross(EARTH_RATE_E, r))
 
-    def specific_force_b(self, t_s: Float64) -> Float64:
-        """Return what accelerometers feel, ``f_b = C_bi (r_i'' - gravitation)`` (n, 3) [m/s^2]."""
-        return self._force_in(self.rotation_eb(t_s), t_s)
+    def specific_force_b(self, t_s: Float64, C_eb: Rotation | None = None) -> Float64:
+        """Return what accelerometers feel, ``f_b = C_bi (r_i'' - gravitation)`` (n, 3) [m/s^2].
 
-    def angular_rate_b(self, t_s: Float64) -> Float64:
-        """Return what gyros feel, ``w_ib_b = w_eb_b + C_be w_ie`` (n, 3) [rad/s]."""
-        return self._rate_in(self.rotation_eb(t_s), t_s)
-
-    def _force_in(self, C_eb: Rotation, t_s: Float64) -> Float64:
+        ``C_eb``: the attitudes at these times, where they are known already.
+        """
         f_e = self.inertial_acceleration_e(t_s) - self.gravitation_e(t_s)
-        return np.asarray(C_eb.apply(f_e, inverse=True))
+        return np.asarray((self.rotation_eb(t_s) if C_eb is None else C_eb).apply(f_e, inverse=True))
 
-    def _rate_in(self, C_eb: Rotation, t_s: Float64) -> Float64:
-        return np.asarray(self.rate_eb_b(t_s) + C_eb.apply(EARTH_RATE_E, inverse=True))
+    def angular_rate_b(self, t_s: Float64, C_eb: Rotation | None = None) -> Float64:
+        """Return what gyros feel, ``w_ib_b = w_eb_b + C_be w_ie`` (n, 3) [rad/s]; ``C_eb`` as above."""
+        earth = (self.rotation_eb(t_s) if C_eb is None else C_eb).apply(EARTH_RATE_E, inverse=True)
+        return np.asarray(self.rate_eb_b(t_s) + earth)
 
     def increments(self, edges_s: Float64) -> InertialIncrements:
         """Return the exact integrals of angular rate and specific force between successive ``edges_s`` (n + 1,).
@@ -168,7 +166,7 @@ class Trajectory:
         half = 0.5 * np.diff(edges)
         t = ((edges[:-1] + half)[:, None] + half[:, None] * nodes).ravel()
         shape, C_eb = (len(half), GAUSS_NODES, 3), self.rotation_eb(t)
-        w, f = self._rate_in(C_eb, t).reshape(shape), self._force_in(C_eb, t).reshape(shape)
+        w, f = self.angular_rate_b(t, C_eb).reshape(shape), self.specific_force_b(t, C_eb).reshape(shape)
         angle = half[:, None] * np.einsum("j,kjc->kc", weights, w)
         velocity = half[:, None] * np.einsum("j,kjc->kc", weights, f)
         return angle, velocity
