@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
-from insgnss.filter.rows.late_rates import LATE_RATE_DOUBT, carry_late_velocity
+from insgnss.filter.rows.late_rates import LATE_RATE_DOUBT, carry_late_velocity, set_lag
 from insgnss.gnss.observation_rows import RANGE_RATE
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, observed, parameters, place, rows_of, sky
@@ -70,7 +70,7 @@ def test_satellites_that_move_on_are_predicted_where_they_were() -> None:
     log = rows_of(epochs, np.stack([now, moved(now, -late_s)]))
     at_once = observed(bank, par, log, 0).lines["innovation"][:, RANGE_RATE].copy()
     earlier = observed(bank, par, log, 1).lines["innovation"][:, RANGE_RATE].copy()
-    bank.state["rates_late_s"] = late_s
+    set_lag(bank, late_s)
     late = observed(bank, par, log, 0).lines["innovation"][:, RANGE_RATE]
     assert np.abs(earlier - at_once).max() > 0.05
     assert late == pytest.approx(earlier, abs=2e-4)
@@ -78,11 +78,23 @@ def test_satellites_that_move_on_are_predicted_where_they_were() -> None:
 
 def test_row_whose_rate_lags_by_much_is_uncertain_by_a_share_of_it() -> None:
     bank, par, log = new_filter(AT), parameters(), rows_of([START_NS], sky(AT))
-    before = observed(bank, par, log).lines
-    sound, predicted = before["variance"][:, RANGE_RATE].copy(), before["innovation"][:, RANGE_RATE].copy()
-    bank.state["rates_late_s"], bank.state["dv_late"] = 0.4, [3.0, -2.0, 1.0]
+    sound = observed(bank, par, log).lines["variance"][:, RANGE_RATE].copy()
+    set_lag(bank, 0.4)
+    lines = observed(bank, par, log).lines
+    assert lines["variance"][:, RANGE_RATE] == pytest.approx(sound)  # of the satellites' own motion nothing
+    predicted = lines["innovation"][:, RANGE_RATE].copy()
+    bank.state["dv_late"] = [3.0, -2.0, 1.0]
     lines = observed(bank, par, log).lines
     late = predicted - lines["innovation"][:, RANGE_RATE]
     expected = sound + (LATE_RATE_DOUBT * 0.4 * late) ** 2
     assert lines["variance"][:, RANGE_RATE] == pytest.approx(expected)
     assert np.abs(late).max() > 1.0
+
+
+def test_lag_that_begins_in_a_turn_does_not_begin_with_the_swing() -> None:
+    bank, par = new_filter(AT), parameters((2.0, 0.0, 0.0))
+    set_lag(bank, 0.3)
+    m = bank.state[0]
+    carry_late_velocity(m, par[0], np.array([0.0, 0.0, 0.5]), tuple(m.v_e), STEP_S)
+    assert np.abs(m.dv_late).max() < 1e-12
+    assert np.linalg.norm(m.swing_late) == pytest.approx(1.0)

@@ -52,6 +52,7 @@ from insgnss.filter.output.writing import Output
 from insgnss.filter.own_rows.contradiction import leave_out
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.rows.late_rates import set_lag
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState
@@ -131,13 +132,13 @@ class FilterHealth:
         return code == DONE and self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
     def place_what_is_known(self, bank: Bank, carried: CarriedState | None) -> None:
-        """Write into a filter that starts what its sensors and range rates are known to do, before a gap or after."""
+        """Write into a filter that starts what is known of its sensors and range rates, ``carried`` over a gap too."""
         if self.rates_late_s is None and carried is not None:
             self.rates_late_s = float(carried.state.rates_late_s)
         bank.state["noise_excess"] = self.credit.excess
         bank.state["rates_out_ns"] = self.rates_out_ns
         known = self.setup.range_rate_lag_s if self.rates_late_s is None else self.rates_late_s
-        bank.state["rates_late_s"] = known
+        set_lag(bank, known)
 
     def forget(self) -> None:
         """Clear what concerns a filter that no longer exists."""

@@ -8,10 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.config.flight import LONGEST_LAG_S
 from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
 from insgnss.filter.diagnosis.supposed_faults import LATE_RATES
+from insgnss.filter.rows.late_rates import set_lag
 from insgnss.filter.state import Bank, copy_bank
 
+_LEAST_S: Final = 0.02  # noise alone estimates some milliseconds
 _LATE_S: Final = (0.03, 0.1, 0.3, 1.0)
 _FACTOR: Final = 10.0**0.5  # from one to the next
 _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: the last step is 3.7 percent
@@ -20,10 +23,10 @@ _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: th
 def late_rates(again: Hindsight) -> Iterator[Verdict]:
     """Yield the results for range rates that lag by some times since the likeliest onset.
 
-    If they are known to lag, they are tried without, too. The likelihoods are means over the onsets.
+    A known lag is tried too, and none. The likelihoods are means over the onsets.
     """
     known_s = float(again.before[-1].state[0].rates_late_s)
-    coarse_s = (0.0, known_s) if known_s else _LATE_S
+    coarse_s = (0.0, known_s, *_LATE_S) if known_s else _LATE_S
     onsets = again.before[:-1:2]
     results = [_results(again, onset, coarse_s) for onset in onsets]
     largest = np.array([_largest(verdicts) for verdicts in results])
@@ -41,7 +44,8 @@ def _refined(again: Hindsight, onset: Bank, verdicts: list[Verdict]) -> list[Ver
     for _ in range(_HALVINGS if _largest(verdicts) >= again.as_it_was else 0):
         factor = factor**0.5
         top_s = max(verdicts, key=_log_likelihood).size
-        verdicts = verdicts + _results(again, onset, (top_s / factor, top_s * factor))
+        beside_s = {max(top_s / factor, _LEAST_S), min(top_s * factor, LONGEST_LAG_S)} - {top_s}
+        verdicts = verdicts + _results(again, onset, tuple(sorted(beside_s)) if top_s else ())
     return verdicts
 
 
@@ -50,7 +54,7 @@ def _results(again: Hindsight, onset: Bank, tried_s: tuple[float, ...]) -> list[
     found = []
     for late_s in tried_s:
         bank = copy_bank(onset)
-        bank.state["rates_late_s"] = late_s
+        set_lag(bank, late_s)
         verdict = again.verdict(LATE_RATES, bank, again.stretches)
         if verdict is not None:
             found.append(verdict._replace(size=late_s))

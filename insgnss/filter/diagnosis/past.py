@@ -46,7 +46,8 @@ class FilterHistory:
     opened: bool = False  # whether both sensors are suspect meanwhile
     suspected: frozenset[str | int] = frozenset()  # the suspicion at the last check
     judged_ns: int = 0  # when it was last checked
-    tags_off_ns: int = 0  # when they were last found to be off
+    tags_off_ns: int = 0  # when time tags were last found to be off
+    tags_off: str = ""  # and which
     in_vain: int = 0  # how often in a row without a result
 
     @property
@@ -114,18 +115,21 @@ class FilterHistory:
             return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
-    def after_verdict(self, renewed: bool) -> FilterHistory:
+    def after_verdict(self, tags_off: str = "") -> FilterHistory:
         """Return the past once something has been found; what was before a new filter is of no use to it.
 
-        Time tags leave the filter as it is.
+        Time tags that are off leave the filter as it is.
         """
-        if renewed:
-            return FilterHistory(judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns)
-        return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns, in_vain=self.in_vain + 1)
+        if not tags_off:
+            return FilterHistory(
+                judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns, tags_off=self.tags_off
+            )
+        found = replace(self, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
+        return replace(found, tags_off_ns=self.judged_ns, tags_off=tags_off)
 
     def forgotten(self) -> FilterHistory:
         """Return an empty past."""
-        empty = self.after_verdict(True)
+        empty = self.after_verdict()
         return replace(empty, in_vain=self.in_vain)
 
 

@@ -189,7 +189,7 @@ def run_away(
     if log_odds([each for each in ranking if each.suspect == SATELLITES], ranking) < SURE:
         return None, in_vain
     lasting = again.to_the_end(verdict)
-    return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
+    return (None, in_vain) if lasting is None else (lasting, past.after_verdict())
 
 
 def with_noise_of_grade(
@@ -206,7 +206,7 @@ def with_noise_of_grade(
     if verdict is None or not verdict.fits or verdict.log_likelihood < again.as_it_was + SURE:
         return None, past
     calm = again.to_the_end(verdict)
-    return (None, past) if calm is None else (calm, looked_at.after_verdict(True))
+    return (None, past) if calm is None else (calm, looked_at.after_verdict())
 
 
 def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
@@ -268,7 +268,7 @@ def judge(
         verdict = _filter_of(chosen, again)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect not in TAGS)
+        return verdict, past.after_verdict(chosen.suspect if chosen.suspect in TAGS else "")
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
@@ -278,7 +278,7 @@ def judge(
 
 
 def _are_late(ranking: list[Explanation]) -> bool:
-    """Return whether late samples or rates explain most of what noise of the samples does, which names neither."""
+    """Return whether late samples or rates explain most of what noise of the samples does: noise names neither."""
     late, noise = (
         max((each.log_odds for each in ranking if each.suspect in suspects and each.best.fits), default=0.0)
         for suspects in ((IMU_TAGS, LATE_RATES), (INERTIAL_NOISE,))
@@ -327,10 +327,12 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     least = max(SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
-    noise = noise or (again.noisy_ranges and first.suspect == RATES)
+    noise = noise or (again.noisy_ranges and first.suspect in (RATES, LATE_RATES))
     were_noisy = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
     noise = noise or (were_noisy and first.suspect == INERTIAL_NOISE)
-    late = first.suspect not in (*TAGS, LATE_RATES) and past.tags_were_off(_TAGS_LAST_NS)
+    # early samples and late range rates look alike
+    alike = first.suspect in TAGS or (first.suspect == LATE_RATES and past.tags_off == IMU_TAGS)
+    late = not alike and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -47,7 +47,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
         )
         rates = ""
-        if (verdict.size < 0.0) == (verdict.suspect == IMU_TAGS):
+        if verdict.size < 0.0:  # inertial tags early, GNSS tags late
             rates = (
                 f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
             )
@@ -62,9 +62,14 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         late_s = float(verdict.bank.state[0].rates_late_s)
         detail = (
             f"the range rates lag {late_s:.2f} s behind the motion that pseudoranges and inertial sensors show: the"
-            " receiver smooths them, or they are of an earlier time. The lag is used from now on, and the last minute"
-            f" is recomputed with it; gnss.range_rate_lag_s = {late_s:.2f} makes it known from the start"
+            " receiver smooths them, or dates them too late. The lag is used from now on, and the last minute is"
+            f" recomputed with it; gnss.range_rate_lag_s = {late_s:.2f} makes it known from the start"
         )
+        if late_s == 0.0:
+            detail = (
+                "the range rates do not lag behind the motion, as was declared or found before: the last minute is"
+                " recomputed without a lag (check gnss.range_rate_lag_s)"
+            )
         return Event(t_ns, "rates_late", detail)
     if verdict.suspect == RATES:
         detail = (

@@ -130,8 +130,10 @@ def add_to_state(m: StateRecord, d: Float64, layout: Layout) -> None:
 
 
 def set_attitude(m: StateRecord, C_eb: Float64) -> None:
-    """Set both forms of the attitude; that of the epoch before turns too: no vehicle has rotated."""
-    m.C_swung[:] = C_eb @ m.C_eb.T @ m.C_swung
+    """Set both forms of the attitude; that of the epoch before and the lag turn too: no vehicle has rotated."""
+    turned = C_eb @ m.C_eb.T
+    m.C_swung[:] = turned @ m.C_swung
+    m.dv_late[:], m.swing_late[:] = m.dv_late @ turned.T, turned @ m.swing_late
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
 

@@ -18,7 +18,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.imu_time_columns import imu_time_rate_column
-from insgnss.filter.rows.late_rates import LATE_RATE_DOUBT, late_rate
+from insgnss.filter.rows.late_rates import late_rate
 from insgnss.filter.rows.lever_columns import lever_rate_columns
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
@@ -51,12 +51,11 @@ def range_rate(
     count = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
     line.count[RANGE_RATE] = imu_time_rate_column(par, a, line, RANGE_RATE, count)
     predicted = a.range_rate + m.clock[1] - rows.sat[i, 7] + left
-    late = late_rate(m, a, rows, i)
+    late, unsure = late_rate(m, a, rows, i)
     predicted += late
     predicted += (a.troposphere_grown - row.phase_factor * a.ionosphere_grown) * per_s
     variance = row_variance(row.sigma[RANGE_RATE], -line.u_n[2], row.thermal, of)
-    unsure = LATE_RATE_DOUBT * m.rates_late_s * late
-    return row.value[RANGE_RATE] - predicted, m.noise_factor[RANGE_RATE] * variance + unsure * unsure
+    return row.value[RANGE_RATE] - predicted, m.noise_factor[RANGE_RATE] * variance + unsure
 
 
 @kernel(inline=True)

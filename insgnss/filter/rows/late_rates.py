@@ -1,9 +1,10 @@
 """Range rates that lag behind the motion: a receiver's loops smooth them, or they are of an earlier time.
 
 The measured rate is that of the antenna's velocity v smoothed twice: w1' = (v - w1) / t, w2' = (w1 - w2) / t, t = T/2.
-For an acceleration a that changes by j a second, w2 = v - T a + 3/4 T^2 j. One smoothing of the time T has T^2 j, the
-velocity T earlier has T^2 j / 2. With e = v - w2 the prediction grows by u . e, and by -T times the satellite's part of
-the range's acceleration, (|v_rel|^2 - rho_dot^2) / rho + u . a_sat: up to 0.18 m/s^2, another for each satellite.
+For an acceleration a that changes by j a second, w2 = v - T a + 3/4 T^2 j. One smoothing of the time T gives T^2 j in
+place of 3/4 T^2 j, the velocity T earlier T^2 j / 2. With e = v - w2 the prediction grows by u . e. It shrinks by T
+times the satellite's part of the range's acceleration, (|v_rel|^2 - rho_dot^2) / rho + u . a_sat, which is up to
+0.18 m/s^2 and differs from satellite to satellite.
 Neglects: the lag of the clock's drift, and the errors of e, which are those of T a.
 """
 
@@ -15,15 +16,15 @@ from typing import Final
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState
-from insgnss.filter.state import StateRecord
+from insgnss.filter.state import Bank, StateRecord
 from insgnss.geodesy.vectors import Vector, cross, dot, rotate
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-# share of what the lateness adds to a range rate that the law may be wrong by, for a T of a second. Where forces change
-# within a second, laws differ by T^2 j / 4, a quarter of it. Rates that are linear between epochs 1 s apart and 0.2 s
-# late differ by more: with 0.3 the inertial sensors were blamed in 8 of 12 flights, with 0.9 in none of 6
+# Share of u . e that the law may be wrong by, for a T of a second. Where forces change within a second, the laws above
+# differ by T^2 j / 4, a quarter of T a. Rates that are linear between epochs 1 s apart and 0.2 s late differ by more:
+# with 0.3 the inertial sensors were blamed in 4 of 6 flights, with 0.9 in none of the same
 LATE_RATE_DOUBT: Final = 0.9
 
 
@@ -39,7 +40,10 @@ def carry_late_velocity(m: StateRecord, par: Parameters, w: Float64, before_e: V
     kept = math.exp(-dt / t)
     gain = (1.0 - kept) * t / dt
     swing = rotate(m.C_eb, cross(w, par.lever_b))
+    first = math.isnan(m.swing_late[0])
     for i in range(3):
+        if first:
+            m.swing_late[i] = swing[i]
         dv = m.v_e[i] - before_e[i] + swing[i] - m.swing_late[i]
         m.swing_late[i] = swing[i]
         for k in range(2):
@@ -48,11 +52,16 @@ def carry_late_velocity(m: StateRecord, par: Parameters, w: Float64, before_e: V
             dv -= m.dv_late[k, i] - before
 
 
+def set_lag(bank: Bank, late_s: float) -> None:
+    """Let range rates lag by a time from now on."""
+    bank.state["rates_late_s"], bank.state["dv_late"], bank.state["swing_late"] = late_s, 0.0, math.nan
+
+
 @kernel(inline=True)
-def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> float:
-    """Return what the lateness adds to the predicted range rate of row ``i`` [m/s]."""
+def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> tuple[float, float]:
+    """Return what the lag adds to the predicted range rate of row ``i`` [m/s], and the variance of that."""
     if m.rates_late_s == 0.0:
-        return 0.0
+        return 0.0, 0.0
     s = rows.sat[i]
     w = WGS84_OMEGA_RADPS
     relative2 = (s[3] - a.v_a[0]) ** 2 + (s[4] - a.v_a[1]) ** 2 + (s[5] - a.v_a[2]) ** 2
@@ -61,4 +70,5 @@ def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> float:
     along = a.u[0] * ((w * w - pull) * s[0] + 2.0 * w * s[4])
     along += a.u[1] * ((w * w - pull) * s[1] - 2.0 * w * s[3]) - a.u[2] * pull * s[2]
     own = float((relative2 - a.range_rate**2) / a.distance + along)
-    return dot(a.u, m.dv_late[0]) + dot(a.u, m.dv_late[1]) - m.rates_late_s * own
+    late = dot(a.u, m.dv_late[0]) + dot(a.u, m.dv_late[1])
+    return late - m.rates_late_s * own, (LATE_RATE_DOUBT * m.rates_late_s * late) ** 2

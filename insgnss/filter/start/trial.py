@@ -200,6 +200,8 @@ class StartValidation:
             "noise_excess",
             "rates_out_ns",
             "rates_late_s",
+            "dv_late",
+            "swing_late",
             "level_epochs",
             "adapted_ns",
             "adapted_count",

@@ -17,6 +17,7 @@ FARTHEST_S: Final = 1800.0
 # The likelihood must peak so many times as high as anywhere else: at the true shift of three logs with motion it is 3
 # to 7 times, where no shift is true (their inertial logs run backwards) up to 1.7 times
 TIMES: Final = 2.5
+_LEAST_WINDOWS: Final = 5  # with motion in common: of fewer the highest peak says little
 
 
 def far_shift(
@@ -48,7 +49,7 @@ def far_shift(
                 declared.imu, track.origin_ns, moving, maps, float(centre_s), QUICK_STEP_S
             )
             peaks.append((contrast, float(centre_s) + shift_s))
-    if not peaks:
+    if len(peaks) < _LEAST_WINDOWS:
         return None
     highest, at_s = max(peaks)
     others = [contrast for contrast, shift_s in peaks if abs(shift_s - at_s) > 1.0]
