@@ -10,7 +10,7 @@ import numpy as np
 
 from insgnss.config.flight import LONGEST_LAG_S
 from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
-from insgnss.filter.diagnosis.supposed_faults import LATE_RATES
+from insgnss.filter.diagnosis.supposed_faults import LATE_RATES, SURE
 from insgnss.filter.rows.late_rates import set_lag
 from insgnss.filter.state import Bank, copy_bank
 
@@ -26,11 +26,12 @@ def late_rates(again: Hindsight) -> Iterator[Verdict]:
     A known lag is tried too, and none. The likelihoods are means over the onsets.
     """
     known_s = float(again.before[-1].state[0].rates_late_s)
-    coarse_s = (0.0, known_s, *_LATE_S) if known_s else _LATE_S
+    coarse_s = (0.0, known_s) if known_s else ()
     onsets = again.before[:-1:2]
-    results = [_results(again, onset, coarse_s) for onset in onsets]
+    results = [[*_results(again, onset, coarse_s), *_longer(again, onset)] for onset in onsets]
     largest = np.array([_largest(verdicts) for verdicts in results])
-    if not np.any(largest > -np.inf):
+    least = -math.inf if known_s else again.as_it_was
+    if not np.any(largest > least):
         return
     best = int(np.argmax(largest))
     less = float(np.logaddexp.reduce(largest - largest[best])) - math.log(len(onsets))
@@ -38,10 +39,20 @@ def late_rates(again: Hindsight) -> Iterator[Verdict]:
         yield verdict._replace(log_likelihood=verdict.log_likelihood + less)
 
 
+def _longer(again: Hindsight, onset: Bank) -> list[Verdict]:
+    """Return the results for longer and longer lags, until one makes the minute far less likely."""
+    found: list[Verdict] = []
+    for late_s in _LATE_S:
+        found += _results(again, onset, (late_s,))
+        if _largest(found[-1:]) < again.as_it_was - SURE:
+            break
+    return found
+
+
 def _refined(again: Hindsight, onset: Bank, verdicts: list[Verdict]) -> list[Verdict]:
-    """Return the results with those of times nearer and nearer to the likeliest one, if it is worth while."""
+    """Return the results with those of times nearer and nearer to the likeliest one."""
     factor = _FACTOR
-    for _ in range(_HALVINGS if _largest(verdicts) >= again.as_it_was else 0):
+    for _ in range(_HALVINGS):
         factor = factor**0.5
         top_s = max(verdicts, key=_log_likelihood).size
         beside_s = {max(top_s / factor, _LEAST_S), min(top_s * factor, LONGEST_LAG_S)} - {top_s}
