@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Final
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
+from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict, log_likelihood_of
 from insgnss.filter.diagnosis.supposed_faults import FURTHER_SENSOR, SURE
 from insgnss.filter.own_rows.contradiction import contradicting
 from insgnss.filter.own_rows.rows import NOT_CARRYING, NOT_WATCHED, Kind, OwnMeasurements
@@ -80,7 +80,7 @@ def without_sensor(again: Hindsight, verdicts: Sequence[Verdict]) -> Verdict | N
     """
     own, bank = again.setup.own, again.oldest()
     late, verdict = (
-        max((v for v in verdicts if is_late == (v.size != 0.0)), key=_log_likelihood, default=None)
+        max((v for v in verdicts if is_late == (v.size != 0.0)), key=log_likelihood_of, default=None)
         for is_late in (True, False)
     )
     if late is not None and (verdict is None or late.log_likelihood > verdict.log_likelihood + SURE):
@@ -90,10 +90,6 @@ def without_sensor(again: Hindsight, verdicts: Sequence[Verdict]) -> Verdict | N
     rest = own.without(kind for kind in own.kinds if kind.name in verdict.kinds)
     done = _with_rows(again, rest).until(bank, again.now_ns)
     return None if done is None else verdict._replace(bank=bank)
-
-
-def _log_likelihood(verdict: Verdict) -> float:
-    return verdict.log_likelihood
 
 
 def _with_rows(again: Hindsight, own: OwnMeasurements) -> Hindsight:

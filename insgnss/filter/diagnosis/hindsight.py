@@ -154,12 +154,12 @@ class Hindsight:
         tried. ``widths`` of the jumps: by default the largest.
         """
         verdicts = self._over_onsets(suspect, widths, 0.0)
-        best = max(map(_log_likelihood, verdicts), default=-math.inf)
+        best = max(map(log_likelihood_of, verdicts), default=-math.inf)
         jumps = not {ACCELEROMETER, GYRO}.isdisjoint(together(suspect))
         if not jumps or best < self.as_it_was + CLEAR:
             return verdicts
         between = self._over_onsets(suspect, widths, _APART_S)
-        return between if max(map(_log_likelihood, between), default=best) > best + CLEAR else verdicts
+        return between if max(map(log_likelihood_of, between), default=best) > best + CLEAR else verdicts
 
     def _over_onsets(self, suspect: str, widths: Widths | None, later_s: float) -> list[Verdict]:
         """Return the results for a fault up to ``later_s`` after each onset; the distance to the next if that is less.
@@ -221,9 +221,7 @@ class Hindsight:
                 break  # a variance that is larger still only costs
         if not each:
             return None
-        mean = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each])) - math.log(
-            len(levels)
-        )
+        mean = float(np.logaddexp.reduce([v.log_likelihood for v in each])) - math.log(len(levels))
         return max(each, key=lambda verdict: (verdict.fits, verdict.log_likelihood))._replace(
             log_likelihood=mean
         )
@@ -390,7 +388,8 @@ def _now_ns(bank: Bank) -> int:
     return int(bank.head[0].now_ns)
 
 
-def _log_likelihood(verdict: Verdict) -> float:
+def log_likelihood_of(verdict: Verdict) -> float:
+    """Return a verdict's log-likelihood, by which they are compared."""
     return verdict.log_likelihood
 
 

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from insgnss.config.flight import LONGEST_LAG_S
-from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
+from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict, log_likelihood_of
 from insgnss.filter.diagnosis.supposed_faults import LATE_RATES, SURE
 from insgnss.filter.rows.late_rates import set_lag
 from insgnss.filter.state import Bank, copy_bank
 
-_LEAST_S: Final = 0.02  # noise alone estimates some milliseconds
+_SHORTEST_LAG_S: Final = 0.02  # noise alone estimates some milliseconds
 _LATE_S: Final = (0.03, 0.1, 0.3, 1.0)
 _FACTOR: Final = 10.0**0.5  # from one to the next
 _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: the last step is 3.7 percent
@@ -54,8 +54,8 @@ def _refined(again: Hindsight, onset: Bank, verdicts: list[Verdict]) -> list[Ver
     factor = _FACTOR
     for _ in range(_HALVINGS):
         factor = factor**0.5
-        top_s = max(verdicts, key=_log_likelihood).size
-        beside_s = {max(top_s / factor, _LEAST_S), min(top_s * factor, LONGEST_LAG_S)} - {top_s}
+        top_s = max(verdicts, key=log_likelihood_of).size
+        beside_s = {max(top_s / factor, _SHORTEST_LAG_S), min(top_s * factor, LONGEST_LAG_S)} - {top_s}
         verdicts = verdicts + _results(again, onset, tuple(sorted(beside_s)) if top_s else ())
     return verdicts
 
@@ -73,8 +73,4 @@ def _results(again: Hindsight, onset: Bank, tried_s: tuple[float, ...]) -> list[
 
 
 def _largest(verdicts: list[Verdict]) -> float:
-    return max(map(_log_likelihood, verdicts), default=-np.inf)
-
-
-def _log_likelihood(verdict: Verdict) -> float:
-    return verdict.log_likelihood
+    return max(map(log_likelihood_of, verdicts), default=-np.inf)

@@ -252,7 +252,7 @@ def judge(
     if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
-    if _are_late(ranking):
+    if _are_tags(ranking):
         fitting, ranking = _without_noise(fitting), _without_noise(ranking)
     if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
@@ -277,13 +277,13 @@ def judge(
     return verdict, past if verdict is None else replace(past, opened=True)
 
 
-def _are_late(ranking: list[Explanation]) -> bool:
-    """Return whether late samples or rates explain most of what noise of the samples does: noise names neither."""
-    late, noise = (
-        max((each.log_odds for each in ranking if each.suspect in suspects and each.best.fits), default=0.0)
-        for suspects in ((IMU_TAGS, LATE_RATES), (INERTIAL_NOISE,))
+def _are_tags(ranking: list[Explanation]) -> bool:
+    """Return whether late tags of the samples explain most of what their noise does; noise would not name them."""
+    tags, noise = (
+        max((each.log_odds for each in ranking if each.suspect == suspect and each.best.fits), default=0.0)
+        for suspect in (IMU_TAGS, INERTIAL_NOISE)
     )
-    return late > max(SURE, _MOST * noise)
+    return tags > max(SURE, _MOST * noise)
 
 
 def _without_noise(ranking: list[Explanation]) -> list[Explanation]:

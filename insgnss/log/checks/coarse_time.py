@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.checks.track import NEAREST_M
@@ -60,7 +60,7 @@ def coarse_shift(sample: GnssTable, navigation: NavigationData, weeks: int) -> f
     messages = broadcast_messages(navigation, max_age_s=(MOST_HOURS + 2) * S_PER_H)
     blocks = _blocks(sample, messages)
     reach_s = MOST_HOURS * S_PER_H
-    starts_s = weeks * 7.0 * 24.0 * S_PER_H + np.arange(-reach_s, reach_s + 1.0, _START_STEP_S)
+    starts_s = weeks * float(S_PER_WEEK) + np.arange(-reach_s, reach_s + 1.0, _START_STEP_S)
     if len(blocks.row) == 0:
         return None
     n = len(starts_s)
