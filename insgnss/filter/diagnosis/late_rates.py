@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import LONGEST_LAG_S
 from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict, log_likelihood_of
 from insgnss.filter.diagnosis.supposed_faults import LATE_RATES, SURE
 from insgnss.filter.rows.late_rates import set_lag
@@ -55,7 +54,7 @@ def _refined(again: Hindsight, onset: Bank, verdicts: list[Verdict]) -> list[Ver
     for _ in range(_HALVINGS):
         factor = factor**0.5
         top_s = max(verdicts, key=log_likelihood_of).size
-        beside_s = {max(top_s / factor, _SHORTEST_LAG_S), min(top_s * factor, LONGEST_LAG_S)} - {top_s}
+        beside_s = {max(top_s / factor, _SHORTEST_LAG_S), min(top_s * factor, _LATE_S[-1])} - {top_s}
         verdicts = verdicts + _results(again, onset, tuple(sorted(beside_s)) if top_s else ())
     return verdicts
 

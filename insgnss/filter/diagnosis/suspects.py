@@ -252,8 +252,11 @@ def judge(
     if not ranking:
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
-    if _are_tags(ranking):
-        fitting, ranking = _without_noise(fitting), _without_noise(ranking)
+    # noise would not name late tags; rates that lag by much are uncertain by much, which explains noise, too
+    if _explains_most(ranking, IMU_TAGS, INERTIAL_NOISE):
+        fitting, ranking = _without(fitting, INERTIAL_NOISE), _without(ranking, INERTIAL_NOISE)
+    elif _explains_most(ranking, INERTIAL_NOISE, LATE_RATES):
+        fitting, ranking = _without(fitting, LATE_RATES), _without(ranking, LATE_RATES)
     if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = ranking[0], past.suspected
@@ -277,17 +280,17 @@ def judge(
     return verdict, past if verdict is None else replace(past, opened=True)
 
 
-def _are_tags(ranking: list[Explanation]) -> bool:
-    """Return whether late tags of the samples explain most of what their noise does; noise would not name them."""
-    tags, noise = (
-        max((each.log_odds for each in ranking if each.suspect == suspect and each.best.fits), default=0.0)
-        for suspect in (IMU_TAGS, INERTIAL_NOISE)
+def _explains_most(ranking: list[Explanation], suspect: str, of: str) -> bool:
+    """Return whether a suspicion that fits explains most of what another one does."""
+    odds, others = (
+        max((each.log_odds for each in ranking if each.suspect == name and each.best.fits), default=0.0)
+        for name in (suspect, of)
     )
-    return tags > max(SURE, _MOST * noise)
+    return odds > max(SURE, _MOST * others)
 
 
-def _without_noise(ranking: list[Explanation]) -> list[Explanation]:
-    return [each for each in ranking if each.suspect != INERTIAL_NOISE]
+def _without(ranking: list[Explanation], suspect: str) -> list[Explanation]:
+    return [each for each in ranking if each.suspect != suspect]
 
 
 def _filter_of(chosen: Explanation, again: Hindsight) -> Verdict | None:
