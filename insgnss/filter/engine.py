@@ -65,11 +65,11 @@ class FilterEngine:
         self._closed_ns = _LONG_AGO_NS  # epochs up to here are final, whatever the latency
         self._first_ns = _LONG_AGO_NS  # first sample of the unbroken stretch
         self._started = False  # in a stretch that has ended
-        self._begin()
+        self._begin(setup)
 
-    def _begin(self, carried: CarriedState | None = None) -> None:
+    def _begin(self, setup: FilterSetup, carried: CarriedState | None = None) -> None:
         """Start over with an empty filter: at first, and after a gap too long to bridge."""
-        self._navigator = Navigator(self._setup)
+        self._navigator = Navigator(setup)
         given = self._setup.start is not None and not self._started
         self._navigator.starter.begin(given=given, carried=carried)
         self._kept: list[FilterSnapshot] = []
@@ -276,7 +276,7 @@ class FilterEngine:
         self._own.keep(self._navigator.own, (self._first_ns, last_ns))
         self._close(last_ns)
         self._samples.clear()
-        self._begin(None if carried is None else kept_over(carried, cut))
+        self._begin(self._navigator.setup, None if carried is None else kept_over(carried, cut))
 
     def _set_back(self) -> None:
         """Restart after wrong tags: the filter that they produced is dropped."""
@@ -286,7 +286,7 @@ class FilterEngine:
         self._samples.clear()
         self._arrived.clear()
         self._stream = SampleStream(self._setup)
-        self._begin()
+        self._begin(self._setup)
 
     def _close(self, t_ns: int) -> None:
         """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""
@@ -345,7 +345,7 @@ class FilterEngine:
     def _carry(self, bank: Bank, t_ns: int) -> bool:
         """Carry a bank to a sample, by way of the own rows; return whether it is finite there."""
         work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
-        carry_through(bank, t_ns, self._setup, samples, self._navigator.parameters, work.scratch)
+        carry_through(bank, t_ns, self._navigator.setup, samples, self._navigator.parameters, work.scratch)
         carry_bank(bank, t_ns, samples, self._navigator.parameters[0], work.scratch)
         lead = bank.head[0].leader
         return is_finite(bank.state[lead], bank.P[lead])

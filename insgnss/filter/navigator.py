@@ -91,20 +91,15 @@ class Navigator:
     watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
-    _parameters: npt.NDArray[Any] = field(init=False)
+    parameters: npt.NDArray[Any] = field(init=False)  # the numbers of the compiled filter, (1,)
     _work: FilterWorkspace | None = None
 
     def __post_init__(self) -> None:
         """Resolve the parameters and get ready to start."""
-        self._parameters = self.setup.parameters()
+        self.parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
         self.health = FilterHealth(self.setup)
         self.aid = None if self.setup.aid is None else self.setup.aid.copied(self.setup.aid.log)
-
-    @property
-    def parameters(self) -> npt.NDArray[Any]:
-        """The numbers of the compiled filter, (1,)."""
-        return self._parameters
 
     @property
     def banks(self) -> list[Bank]:
@@ -131,8 +126,13 @@ class Navigator:
         self.events, self.started_ns = list(saved.events), saved.started_ns
         self.aid = None if saved.aid is None or self.aid is None else saved.aid.copied(self.aid.log)
         self.trial = None if saved.trial is None else saved.trial.copied()
-        self.health = saved.health.copied()
-        self.watch = saved.watch.copied()
+        self.health, self.watch = saved.health.copied(), saved.watch.copied()
+        self._use(self.health.setup)
+
+    def _use(self, setup: FilterSetup) -> None:
+        """Have the states of another setup from the next start on."""
+        if setup is not self.setup:
+            self.setup, self.parameters, self._work = setup, setup.parameters(), None
 
     def forget_own(self, after_ns: int) -> None:
         """Drop the status of a user's own rows after a time."""
@@ -155,7 +155,7 @@ class Navigator:
             if self.trial is not None:
                 stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
             stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
-            par, drop = self._parameters, self.setup.log_drop
+            par, drop = self.parameters, self.setup.log_drop
             code, epoch = run_epochs(self.bank, (epoch, stop), rows, imu, par, drop, out, work)
             self._collect_events(out)
             self.health.past = self.health.past.after(self.bank, rows, begin, epoch)
@@ -166,7 +166,7 @@ class Navigator:
                 self._try(self.trial, code, imu, rows, epoch - 1)
             if doubt is not None and doubt is self.health.doubt and self.bank is not None:
                 self._accept(
-                    self.health.weigh(doubt, self.bank, imu, rows, epoch - 1, self._parameters, out),
+                    self.health.weigh(doubt, self.bank, imu, rows, epoch - 1, self.parameters, out),
                     int(rows.epoch_ns[epoch - 1]),
                 )
             if self.aid is not None:
@@ -178,9 +178,9 @@ class Navigator:
             return
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
             work = self.workspace(rows)
-            run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
+            run_to(self.bank, t_ns, imu, self.parameters, before(out, t_ns), work)
             own, head = self.setup.own, self.bank.head[0]
-            update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
+            update = use_own_rows(self.bank, t_ns, self.setup, imu, self.parameters, work.scratch)
             self.events += [*update.events, *doubt_events(head, own.kinds, t_ns)]
             self.events += self.watch.take(own, t_ns, update.entries)
             self.own[t_ns] = update.entries
@@ -197,7 +197,7 @@ class Navigator:
         """Return the carried start at the end of the filter's samples, its own if it never started."""
         if self.bank is None:
             return self.starter.carried
-        return left_behind(self.bank, imu, self.setup, self._parameters)
+        return left_behind(self.bank, imu, self.setup, self.parameters)
 
     def _try(self, trial: StartValidation, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
         """Handle the stop of the compiled loop, and update the validation of the start with the epoch."""
@@ -213,7 +213,7 @@ class Navigator:
         if self.bank is None:
             self.trial = None
         elif self.trial is trial:
-            bank = trial.update(self.bank, imu, rows, epoch, self._parameters)
+            bank = trial.update(self.bank, imu, rows, epoch, self.parameters)
             if bank is not None:
                 self._refuse_start(t_ns, bank)
             elif trial.over:
@@ -236,7 +236,7 @@ class Navigator:
             return
         self.before_antennas(self.bank)
         k = current_sample(self.bank, imu)
-        self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self._parameters[0])
+        self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self.parameters[0])
         self.events += aid.take_events()
         count = out.counts[0]
         if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
@@ -258,7 +258,7 @@ class Navigator:
         A fix that starts the filter is in its state: its rows are not used again. A given state leaves the epoch to
         the filter.
         """
-        bank, fix, events = self.starter.try_start(imu, rows, epoch, self._parameters[0])
+        bank, fix, events = self.starter.try_start(imu, rows, epoch, self.parameters[0])
         self.events += events
         if bank is None:
             mark_rows(out, rows, epoch, None)
@@ -288,23 +288,23 @@ class Navigator:
             self._write_row(bank, 0 if fix is None else fix.n_used, rows, epoch, out)
 
     def _write_row(self, bank: Bank, n_used: int, rows: GnssRows, epoch: int, out: Output) -> None:
-        lead, par, work = int(bank.head[0].leader), self._parameters[0], self.workspace(rows)
+        lead, par, work = int(bank.head[0].leader), self.parameters[0], self.workspace(rows)
         write_row(bank, bank, lead, int(rows.epoch_ns[epoch]), n_used, par, out, work)
 
     def _tell_heading(self) -> None:
         """Say that the heading is known when the start already knows it."""
-        if self.bank is not None and heading_variance(self.bank) < self._parameters[0].heading_known_variance:
+        if self.bank is not None and heading_variance(self.bank) < self.parameters[0].heading_known_variance:
             self._heading_known()
 
     def _handle(self, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
         """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
-        remedy = self.health.blame_rates(bank, code, imu, rows, epoch, self._parameters)
+        remedy = self.health.blame_rates(bank, code, imu, rows, epoch, self.parameters)
         if remedy is not None:
             self._accept(remedy, t_ns)
         elif (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
-            self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
+            self._accept(self.health.suspect(bank, imu, t_ns, self.parameters), t_ns)
         elif code == PRUNE:
             self._prune()
         elif code == HEADING_WIDE:
@@ -315,7 +315,7 @@ class Navigator:
             self._heading_known()
         elif code == LOCKOUT:
             space = self.workspace(rows).epoch
-            self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
+            self._accept(self.health.recover(bank, imu, rows, epoch, self.parameters, space), t_ns)
         elif code == COVARIANCE_LOST:
             self._restart(t_ns, "the state is no longer finite, or a variance is not positive")
         elif code not in (DONE, SUSPICION):
@@ -335,7 +335,7 @@ class Navigator:
         bank = self.bank
         if bank is None:
             return
-        heading, par = self.setup.config.heading, self._parameters[0]
+        heading, par = self.setup.config.heading, self.parameters[0]
         single, (_, sd) = len(bank.state) == 1, heading_deg(bank)
         n = headings_wanted(bank, heading.hypotheses, par.widest_heading_variance)
         self.bank = split(bank, n, self.setup.log_drop, par.lever_b, self.setup.layout)
@@ -383,6 +383,7 @@ class Navigator:
         self.events += still_uncertain(self.bank, self.setup.config.visibility)
         self.bank = self.opened = None
         self.health.forget()
+        self._use(self.health.setup)
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter restarts"))
 

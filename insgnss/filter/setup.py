@@ -27,7 +27,8 @@ from insgnss.filter.own_rows.declared import own_measurements
 from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
-from insgnss.filter.state import MAX_RANGE_BIASES
+from insgnss.filter.state import MAX_OPTIONAL, MAX_RANGE_BIASES
+from insgnss.filter.states.imu_time import IMU_TIME, UNKNOWN_IMU_TIME
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
 from insgnss.filter.update.masking import NO_LIMITS
@@ -75,6 +76,15 @@ class FilterSetup:
     with_base: bool = False  # a base station corrects the ranges
     # where a stretch of samples starts that has no raw GNSS data (``start.without_gnss``); None: at its epochs
     start_alone: Callable[[Any], Any] | None = None
+
+    @property
+    def may_estimate_imu_time(self) -> bool:
+        """Whether the offset of the IMU's time tags is not a state yet, and there is room for it."""
+        return self.layout.at(IMU_TIME) < 0 and self.layout.n_optional < MAX_OPTIONAL
+
+    def with_imu_time(self) -> FilterSetup:
+        """Return the setup of a filter that estimates the offset of the IMU's time tags too, unseen in ``nav``."""
+        return replace(self, states_wanted=(*self.states_wanted, UNKNOWN_IMU_TIME))
 
     def with_further(
         self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()

@@ -115,7 +115,7 @@ def run_blocks(
         further.room(n_nav)
     passage = _Passage(blocks, out)
     events: list[Event] = list(samples.events)
-    started = False
+    started, latest = False, setup  # the one that a restart may have changed
     carried: CarriedState | None = None
     own_by_time: dict[int, list[OwnEntry]] = {}
     spans_ns: list[tuple[int, int]] = []
@@ -127,7 +127,7 @@ def run_blocks(
         spans_ns.append((int(part.t_ns[0]), int(part.t_ns[-1])))
         e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         passage.without_imu(int(e0))
-        navigator = Navigator(setup)
+        navigator = Navigator(latest)
         navigator.starter.begin(given=setup.start is not None and not started, carried=carried)
         smoother = Smoother(navigator, part, further) if smooth else None
         first = int(out.counts[0].nav)
@@ -149,7 +149,7 @@ def run_blocks(
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
         carried = navigator.leave(part)
-        started = started or navigator.started_ns is not None
+        started, latest = started or navigator.started_ns is not None, navigator.setup
     passage.without_imu(n_epochs)
     if not started:
         raise _no_start(setup, samples.logged_ns, epoch_ns)

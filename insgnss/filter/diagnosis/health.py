@@ -26,7 +26,7 @@ from insgnss.filter.diagnosis.inertial_credit import (
     InertialCredit,
 )
 from insgnss.filter.diagnosis.jumps import GYRO
-from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin
+from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin, may_tell
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.recovery import (
     RecoveryTest,
@@ -38,9 +38,10 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
+    OFFSET_AS_STATE,
     RATES_DISAGREE,
     STUCK_RATES,
     creeping_in_words,
@@ -53,13 +54,12 @@ from insgnss.filter.own_rows.contradiction import leave_out
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.late_rates import set_lag
-from insgnss.filter.rows.lines import EpochWorkspace, Lines
+from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState
 from insgnss.filter.start.fix import Fix, fix_epoch
 from insgnss.filter.state import Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
-from insgnss.status import GATED, USED
 from insgnss.tables import Event
 
 _SEVERAL: Final = 3  # satellites that run away together, and by that look like noise of all
@@ -69,7 +69,6 @@ _TELL_AGAIN_NS = 60 * NS_PER_S
 _SOUND_NS = 20 * NS_PER_S
 _RATES_LOOK_NS = 5 * NS_PER_S
 _NO_VELOCITY_NS = 600 * NS_PER_S  # for which rates that agree on none stay out: a wrong wavelength lasts
-_LEAST_RANGES = 6  # fewer cannot separate a clock step from a sensor failure
 
 
 class Remedy(NamedTuple):
@@ -80,17 +79,11 @@ class Remedy(NamedTuple):
     give_up: str = ""  # why it has to restart instead
 
 
-def _tells(lines: Lines) -> bool:
-    """Return whether an epoch has enough pseudoranges, used or refused, to say whose fault it is."""
-    status = lines["status"][:, PSEUDORANGE]
-    return int(np.sum((status == USED) | (status == GATED))) >= _LEAST_RANGES
-
-
 @dataclass
 class FilterHealth:
     """A filter's memory of its own health, and its recovery."""
 
-    setup: FilterSetup
+    setup: FilterSetup  # that of a filter which restarts may have a further state
     resets_ns: list[int] = field(default_factory=list)
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
@@ -178,6 +171,9 @@ class FilterHealth:
                 return Remedy(bank, [event], DISTRUSTED_RESTART)
         else:
             event = verdict_in_words(t_ns, was[0], verdict)
+        if verdict.suspect == IMU_TAGS and self.setup.may_estimate_imu_time:
+            self.setup = self.setup.with_imu_time()
+            return Remedy(bank, [event], OFFSET_AS_STATE)
         if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
         if verdict.suspect == LATE_RATES:
@@ -244,7 +240,7 @@ class FilterHealth:
         )
         events: list[Event] = []
         lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
-        if _tells(lines) and health.recovery:
+        if may_tell(lines) and health.recovery:
             remedy = self._second_look(bank, imu, t_ns, parameters)
             if remedy.give_up or remedy.bank is not bank:
                 return remedy

@@ -25,6 +25,7 @@ Integers = npt.NDArray[np.integer[Any]]
 
 _BLUR: Final = 2e-5  # of a step: a clock that drifts meanwhile, or steps between two satellites' measurements
 _LEAST_FOR_A_FIX: Final = 3  # refused rows of a kind
+_LEAST_RANGES: Final = 6  # fewer cannot tell a clock step from a sensor failure
 
 
 class ClockStep(NamedTuple):
@@ -42,6 +43,12 @@ def is_thin(lines: Lines) -> bool:
     """Return whether fewer rows were refused, of either kind, than a fix could be tried with."""
     refused = [int(np.sum(lines["status"][:, kind] == GATED)) for kind in (PSEUDORANGE, RANGE_RATE)]
     return max(refused, default=0) < _LEAST_FOR_A_FIX
+
+
+def may_tell(lines: Lines) -> bool:
+    """Return whether an epoch has enough pseudoranges, used or refused, to tell a clock step from a sensor failure."""
+    status = lines["status"][:, PSEUDORANGE]
+    return int(np.sum((status == USED) | (status == GATED))) >= _LEAST_RANGES
 
 
 def clock_steps(

@@ -35,6 +35,7 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
 from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.across_gap import last_sample, way_back, without_shown_motion
 from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumnValues
@@ -72,10 +73,12 @@ class Smoother:
     _linked: bool = False  # whether the next epoch follows from the one kept last
     _opened: bool = False  # whether a given start has been kept
     _phase: OpenPhase | None = None  # several headings are open
+    _setup: FilterSetup = field(init=False)  # of the epochs kept
     _stood: Bank | None = None  # the filter as several antennas' rows of an epoch have found it
 
     def __post_init__(self) -> None:
         """Have the navigator report each update by own rows, and each epoch before several antennas' rows."""
+        self._setup = self.navigator.setup
         self.navigator.after_own = self._take_own
         self.navigator.before_antennas = self._take_before_antennas
 
@@ -115,6 +118,10 @@ class Smoother:
         self._stood = None
         if bank is None:
             self._linked, self._phase = False, None
+            if (
+                navigator.setup is not self._setup
+            ):  # one that restarts with a further state: no way leads back
+                self._setup, self.kept, self.phases = navigator.setup, [], {}
             return
         if self._began_ns is None:
             self._began_ns = self.navigator.started_ns

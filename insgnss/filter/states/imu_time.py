@@ -21,12 +21,15 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.tables import Float64
 
 IMU_TIME: Final = "imu_time"
+_COLUMNS: Final = ("imu_time_offset_s",)
+# of a filter that has found the tags to be off, and restarts
+UNKNOWN_IMU_TIME: Final = StateBlock(IMU_TIME, _COLUMNS, "s", 0.1, shown=False)
 
 
 def imu_time(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings doubt the IMU's tags; what has to be added to them, as in the flight file."""
     sigma = wanted.config.process.imu_time_sigma_s
-    return StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", sigma) if sigma > 0.0 else None
+    return StateBlock(IMU_TIME, _COLUMNS, "s", sigma) if sigma > 0.0 else None
 
 
 def to_imu_time(m: StateRecord, P: Float64, layout: Layout, *, with_velocity: bool = True) -> None:
