@@ -1,0 +1,105 @@
+"""Inertial tags that nothing has declared to be off: found, then a state of the filter that restarts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import cycle
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import insgnss
+from insgnss.config.library import filter_config
+from insgnss.filter.engine import FilterEngine
+from insgnss.filter.layout import StateBlock
+from insgnss.filter.state import MAX_OPTIONAL
+from insgnss.log.flight import FlightInMemory
+from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
+from tests.filter.test_engine import assert_same_bits, no_delay, stream
+from tests.runs.scenes import START_S, flight, kinds, turns, without_samples
+from tests.runs.test_imu_time import PLAIN, with_late_imu
+
+LATE_S = 0.05
+NAMES = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
+
+
+@cache
+def late(by_s: float = LATE_S, seed: int = 23) -> FlightInMemory:
+    return with_late_imu(flight(turns(180.0), seed=seed), by_s)
+
+
+def restarted_s(run: Run) -> float:
+    """Return when the offset became a state [s]."""
+    restarts = run.events[run.events["kind"] == "restart"]
+    (at_s,) = restarts.loc[restarts["detail"].str.contains("offset of the inertial time tags"), "time_s"]
+    return float(at_s)
+
+
+def rms_over_sigma(run: Run, from_s: float) -> pd.Series:
+    """Return the rms of each error over its sigma from a time of the week on."""
+    assert run.errors is not None
+    later = run.errors[run.errors["time_s"] > from_s]
+    ratios = {name: later[f"d_{name}"] / later[f"sd_{name}"] for name in NAMES}
+    return pd.Series({name: float(np.sqrt(np.mean(np.square(values)))) for name, values in ratios.items()})
+
+
+@pytest.mark.parametrize("by_s", [LATE_S, -LATE_S, 0.1])
+def test_offset_that_is_found_becomes_a_state_and_the_errors_fit_their_sigmas(by_s: float) -> None:
+    run, plain = (insgnss.replay(late(by_s), settings=settings) for settings in ({}, PLAIN))
+    at_s = restarted_s(run)
+    assert at_s - START_S < 120.0
+    assert kinds(run).count("time_tag_suspect") == 1
+    assert rms_over_sigma(run, at_s).max() < 1.8
+    assert rms_over_sigma(plain, at_s)[["roll_deg", "pitch_deg"]].max() > 5.0
+    assert "imu_time_offset_s" not in run.nav.columns
+
+
+def test_stream_of_such_samples_has_the_same_bits() -> None:
+    flown = late()
+    for delays in (no_delay(), cycle((400_000_000, 200_000_000, 0))):
+        engine = FilterEngine(setup_filter(flown, flown.logs, filter_config("tight17")))
+        stream(engine, flown.logs, delays)
+        assert engine.state.t_ns == flown.logs.imu.t_ns[-1]
+        assert_same_bits(engine.take_results(all_of_them=True), flown.logs, flown)
+        assert "time_tag_suspect" in {event.kind for event in engine.events}
+
+
+def test_smoother_leaves_the_epochs_before_as_the_filter_wrote_them() -> None:
+    smoothed, filtered = insgnss.replay(late(), smooth=True), insgnss.replay(late())
+    at_s, names = restarted_s(filtered), ["n_m", "vn_mps", "roll_deg"]
+    before = [run.nav.loc[run.nav["time_s"] < at_s, "lat_deg"].to_numpy() for run in (smoothed, filtered)]
+    np.testing.assert_array_equal(*before)
+    assert rms_over_sigma(smoothed, at_s).max() < 1.8
+    assert smoothed.errors is not None and filtered.errors is not None
+    rms = [
+        np.sqrt(run.errors.loc[run.errors["time_s"] > at_s, [f"d_{name}" for name in names]].pow(2).mean())
+        for run in (smoothed, filtered)
+    ]
+    assert (rms[0] < 0.8 * rms[1]).all()
+
+
+def test_offset_stays_a_state_over_a_gap_in_the_samples() -> None:
+    flown = late()
+    gap_s = restarted_s(insgnss.replay(flown)) - START_S + 30.0
+    imu = without_samples(flown.logs.imu, gap_s, gap_s + 3.0)
+    with_gap = replace(flown, logs=replace(flown.logs, imu=imu))
+    run = insgnss.replay(with_gap)
+    assert kinds(run).count("time_tag_suspect") == 1
+    assert kinds(run).count("imu_gap") == 1
+    assert rms_over_sigma(run, START_S + gap_s + 3.0).max() < 1.8
+    engine = FilterEngine(setup_filter(with_gap, with_gap.logs, filter_config("tight17")))
+    stream(engine, with_gap.logs, no_delay())
+    assert_same_bits(engine.take_results(all_of_them=True), with_gap.logs, with_gap)
+
+
+def test_offset_that_is_a_state_already_or_finds_no_room_does_not_become_one() -> None:
+    flown = late()
+    setup = setup_filter(flown, flown.logs, filter_config("tight17"))
+    assert setup.may_estimate_imu_time
+    assert not setup.with_imu_time().may_estimate_imu_time
+    room = MAX_OPTIONAL - setup.layout.n_optional
+    full = StateBlock("many", tuple(f"x_{i}" for i in range(room)), "m", 1.0)
+    assert not setup.with_further([full]).may_estimate_imu_time
