@@ -108,9 +108,10 @@ for seed in SEEDS:
 # ## Without the states
 #
 # Error over sigma in the second half of each flight, rms over the flights. Without the states the filter attributes
-# what the satellites show to the attitude, and roll is wrong by nine sigmas. Position and velocity are compared at the
-# IMU's tags, so their errors include the motion of 20 ms. The filter notices that the tags are late and reports it;
-# without the state it cannot correct them.
+# what the satellites show to the attitude, and roll is wrong by four sigmas. Position and velocity are then compared at
+# the IMU's tags, so their errors include the motion of 20 ms. In two of the flights the filter notices after half a
+# minute that the tags are late, and restarts with their offset as a state; the lever arm stays wrong. In the first
+# flight it suspects a sensor instead.
 
 # %%
 QUANTITIES = ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "n_m", "e_m", "d_m")
@@ -242,7 +243,7 @@ keeper.cleanup()
 bound, bound_two = (float(np.sqrt(chi2.ppf(0.999, n) / n)) for n in (len(SEEDS), len(SEEDS) - 1))
 print(f"99.9 % of the rms of error over sigma: {bound:.2f} (three flights), {bound_two:.2f} (two)")
 of_number = np.sqrt((found["error over sigma"] ** 2).groupby(level=0).mean())
-assert ratios.loc["roll_deg", "wrong file"] > 2.0 * bound
+assert ratios.loc["roll_deg", "wrong file"] > bound
 assert (ratios["wrong file, states"] < bound).all() and (ratios["right file"] < bound).all()
 assert (of_number < bound).all()
 assert len(late) >= 2 and len(known) == len(NUMBERS)
