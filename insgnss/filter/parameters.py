@@ -17,6 +17,7 @@ from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
+from insgnss.filter.states.rate_lag import RATE_LAG
 from insgnss.filter.states.wanted import NO_SLOW, SlowSizes
 from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
@@ -75,6 +76,7 @@ class Parameters(Record):
     at_ionosphere: int
     at_lever_arm: int
     at_imu_time: int
+    at_rate_lag: int
     at_range_biases: int
     n_slow: int  # satellites whose slow errors are followed at the same time, as states or not
     slow_ionosphere: float  # slow errors beyond those of states, at the zenith [m] ...
@@ -255,6 +257,7 @@ def resolve_parameters(
         layout.at(IONOSPHERE),
         layout.at(LEVER_ARM),
         layout.at(IMU_TIME),
+        layout.at(RATE_LAG),
         layout.at(RANGE_BIASES),
         *_slow_errors(config, layout, slow),
         config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,

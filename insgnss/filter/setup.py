@@ -29,6 +29,7 @@ from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_OPTIONAL, MAX_RANGE_BIASES
 from insgnss.filter.states.imu_time import IMU_TIME, UNKNOWN_IMU_TIME
+from insgnss.filter.states.rate_lag import UNKNOWN_RATE_LAG
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
 from insgnss.filter.update.masking import NO_LIMITS
@@ -80,11 +81,15 @@ class FilterSetup:
     @property
     def may_estimate_imu_time(self) -> bool:
         """Whether the offset of the IMU's time tags is not a state yet, and there is room for it."""
-        return self.layout.at(IMU_TIME) < 0 and self.layout.n_optional < MAX_OPTIONAL
+        return self.layout.at(IMU_TIME) < 0 and self.layout.n_optional + 2 <= MAX_OPTIONAL
 
-    def with_imu_time(self) -> FilterSetup:
-        """Return the setup of a filter that estimates the offset of the IMU's time tags too, unseen in ``nav``."""
-        return replace(self, states_wanted=(*self.states_wanted, UNKNOWN_IMU_TIME))
+    def with_imu_time(self, *, early: bool) -> FilterSetup:
+        """Return the setup of a filter that estimates the offset of the IMU's time tags too, unseen in ``nav``.
+
+        Tags that look ``early`` may be range rates that lag: then their lag is a state as well.
+        """
+        unknown = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG) if early else (UNKNOWN_IMU_TIME,)
+        return replace(self, states_wanted=(*self.states_wanted, *unknown))
 
     def with_further(
         self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()

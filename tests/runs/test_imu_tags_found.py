@@ -99,7 +99,7 @@ def test_offset_that_is_a_state_already_or_finds_no_room_does_not_become_one() -
     flown = late()
     setup = setup_filter(flown, flown.logs, filter_config("tight17"))
     assert setup.may_estimate_imu_time
-    assert not setup.with_imu_time().may_estimate_imu_time
+    assert not setup.with_imu_time(early=True).may_estimate_imu_time
     room = MAX_OPTIONAL - setup.layout.n_optional
     full = StateBlock("many", tuple(f"x_{i}" for i in range(room)), "m", 1.0)
     assert not setup.with_further([full]).may_estimate_imu_time

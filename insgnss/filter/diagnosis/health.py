@@ -172,7 +172,7 @@ class FilterHealth:
         else:
             event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect == IMU_TAGS and self.setup.may_estimate_imu_time:
-            self.setup = self.setup.with_imu_time()
+            self.setup = self.setup.with_imu_time(early=verdict.size < 0.0)
             return Remedy(bank, [event], OFFSET_AS_STATE)
         if verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))

@@ -18,7 +18,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.imu_time_columns import imu_time_rate_column
-from insgnss.filter.rows.late_rates import late_rate
+from insgnss.filter.rows.late_rates import late_rate, rate_lag_column
 from insgnss.filter.rows.lever_columns import lever_rate_columns
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
@@ -49,10 +49,11 @@ def range_rate(
     shell = -row.phase_factor * a.shell_grown * per_s
     left, count = zenith_columns(m, par, line, RANGE_RATE, len(COLUMNS), wet, shell)
     count = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
-    line.count[RANGE_RATE] = imu_time_rate_column(par, a, line, RANGE_RATE, count)
+    count = imu_time_rate_column(par, a, line, RANGE_RATE, count)
+    lag, line.count[RANGE_RATE] = rate_lag_column(m, par, rows, i, a, line, count)
     predicted = a.range_rate + m.clock[1] - rows.sat[i, 7] + left
     late, unsure = late_rate(m, a, rows, i)
-    predicted += late
+    predicted += late + lag
     predicted += (a.troposphere_grown - row.phase_factor * a.ionosphere_grown) * per_s
     variance = row_variance(row.sigma[RANGE_RATE], -line.u_n[2], row.thermal, of)
     return row.value[RANGE_RATE] - predicted, m.noise_factor[RANGE_RATE] * variance + unsure

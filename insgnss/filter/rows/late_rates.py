@@ -15,10 +15,10 @@ from typing import Final
 
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import AntennaState
-from insgnss.filter.state import Bank, StateRecord
+from insgnss.filter.rows.lines import AntennaState, Line
+from insgnss.filter.state import OFFSETS, Bank, StateRecord
 from insgnss.geodesy.vectors import Vector, cross, dot, rotate
-from insgnss.gnss.observation_rows import GnssRows
+from insgnss.gnss.observation_rows import RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -62,6 +62,30 @@ def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> tuple[
     """Return what the lag adds to the predicted range rate of row ``i`` [m/s], and the variance of that."""
     if m.rates_late_s == 0.0:
         return 0.0, 0.0
+    late = dot(a.u, m.dv_late[0]) + dot(a.u, m.dv_late[1])
+    own = satellites_part(a, rows, i)
+    return late - m.rates_late_s * own, (LATE_RATE_DOUBT * m.rates_late_s * late) ** 2
+
+
+@kernel(inline=True)
+def rate_lag_column(
+    m: StateRecord, par: Parameters, rows: GnssRows, i: int, a: AntennaState, line: Line, count: int
+) -> tuple[float, int]:
+    """Write what a range rate grows by with a lag that is a state, at ``count``; return what that is, and the end.
+
+    The acceleration is the one that counts as motion, as for the offset of the inertial tags.
+    """
+    if par.at_rate_lag < 0:
+        return 0.0, count
+    grows = dot(a.u, a.shown_a_e) - satellites_part(a, rows, i)
+    line.h[RANGE_RATE][count] = grows
+    line.columns[RANGE_RATE][count] = par.at_rate_lag
+    return grows * m.optional[par.at_rate_lag - OFFSETS], count + 1
+
+
+@kernel(inline=True)
+def satellites_part(a: AntennaState, rows: GnssRows, i: int) -> float:
+    """Return the part of the acceleration of the range of row ``i`` that is not the antenna's [m/s^2]."""
     s = rows.sat[i]
     w = WGS84_OMEGA_RADPS
     relative2 = (s[3] - a.v_a[0]) ** 2 + (s[4] - a.v_a[1]) ** 2 + (s[5] - a.v_a[2]) ** 2
@@ -69,6 +93,4 @@ def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> tuple[
     pull = WGS84_GM_M3PS2 / (r2 * math.sqrt(r2))
     along = a.u[0] * ((w * w - pull) * s[0] + 2.0 * w * s[4])
     along += a.u[1] * ((w * w - pull) * s[1] - 2.0 * w * s[3]) - a.u[2] * pull * s[2]
-    own = float((relative2 - a.range_rate**2) / a.distance + along)
-    late = dot(a.u, m.dv_late[0]) + dot(a.u, m.dv_late[1])
-    return late - m.rates_late_s * own, (LATE_RATE_DOUBT * m.rates_late_s * late) ** 2
+    return float((relative2 - a.range_rate**2) / a.distance + along)
