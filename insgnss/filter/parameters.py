@@ -29,6 +29,8 @@ from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
 _KELVIN = 273.15
+# the blocks of which a row's equation has to know the place, in the order of the fields
+_SINGLE: Final = (CHANNEL_BIAS, ZENITH_DELAY, IONOSPHERE, LEVER_ARM, IMU_TIME, RATE_LAG, RANGE_BIASES)
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``GnssRows`` holds their delays
@@ -252,13 +254,7 @@ def resolve_parameters(
         clock.drift_density,
         *_further_states(layout),
         *_couplings(layout),
-        layout.at(CHANNEL_BIAS),
-        layout.at(ZENITH_DELAY),
-        layout.at(IONOSPHERE),
-        layout.at(LEVER_ARM),
-        layout.at(IMU_TIME),
-        layout.at(RATE_LAG),
-        layout.at(RANGE_BIASES),
+        *map(layout.at, _SINGLE),
         *_slow_errors(config, layout, slow),
         config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,
         layout.at_clone,

@@ -233,6 +233,15 @@ def _times() -> tuple[Row, ...]:
             event=_OFFSET_WORDS,
         ),
         _row(
+            "fault_imu_early",
+            "IMU tags 50 ms early from the start",
+            spoiling.imu_late(-0.05),
+            (*honest(limit=SIGMAS), REPORTED),
+            origin_s=0.0,
+            spread_s=0.0,
+            event=_OFFSET_WORDS,
+        ),
+        _row(
             "fault_imu_50ms_state",
             "IMU tags 50 ms late from the start, their time a state",
             spoiling.imu_late(0.05),
