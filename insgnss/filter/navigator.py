@@ -130,7 +130,7 @@ class Navigator:
         self._use(self.health.setup)
 
     def _use(self, setup: FilterSetup) -> None:
-        """Have the states of another setup from the next start on."""
+        """Have the states of another setup."""
         if setup is not self.setup:
             self.setup, self.parameters, self._work = setup, setup.parameters(), None
 
@@ -360,6 +360,7 @@ class Navigator:
             self._restart(t_ns, remedy.give_up)
         elif remedy.bank is not self.bank:
             self.bank = remedy.bank
+            self._use(self.health.setup)
             if self.trial is not None:
                 self.trial = validation(self.setup, is_given=self.trial.is_given)  # of the reset filter
 
@@ -383,7 +384,6 @@ class Navigator:
         self.events += still_uncertain(self.bank, self.setup.config.visibility)
         self.bank = self.opened = None
         self.health.forget()
-        self._use(self.health.setup)
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter restarts"))
 

@@ -38,10 +38,9 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
+from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
-    OFFSET_AS_STATE,
     RATES_DISAGREE,
     STUCK_RATES,
     creeping_in_words,
@@ -83,7 +82,7 @@ class Remedy(NamedTuple):
 class FilterHealth:
     """A filter's memory of its own health, and its recovery."""
 
-    setup: FilterSetup  # that of a filter which restarts may have a further state
+    setup: FilterSetup  # a filter that has found its tags to be off has further states
     resets_ns: list[int] = field(default_factory=list)
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
@@ -171,10 +170,9 @@ class FilterHealth:
                 return Remedy(bank, [event], DISTRUSTED_RESTART)
         else:
             event = verdict_in_words(t_ns, was[0], verdict)
-        if verdict.suspect == IMU_TAGS and self.setup.may_estimate_imu_time:
-            self.setup = self.setup.with_imu_time(early=verdict.size < 0.0)
-            return Remedy(bank, [event], OFFSET_AS_STATE)
-        if verdict.suspect in TAGS:
+        if verdict.setup is not None:
+            self.setup = verdict.setup
+        elif verdict.suspect in TAGS:
             return Remedy(bank, self._told(event))
         if verdict.suspect == LATE_RATES:
             self.rates_late_s = float(verdict.bank.state[0].rates_late_s)

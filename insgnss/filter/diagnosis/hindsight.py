@@ -93,6 +93,7 @@ class Verdict(NamedTuple):
     axes: tuple[int, ...] = ()  # of the sensor
     moved: tuple[float, ...] = ()  # (3,) by which its biases jumped [rad/s] or [m/s^2]
     kinds: tuple[str, ...] = ()  # of own rows
+    setup: FilterSetup | None = None  # of a filter with further states
 
 
 class Hindsight:

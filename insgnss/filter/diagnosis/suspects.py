@@ -34,6 +34,7 @@ from insgnss.filter.diagnosis.further_sensors import sensors_in_question, withou
 from insgnss.filter.diagnosis.hindsight import NOISY, WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.late_rates import late_rates
+from insgnss.filter.diagnosis.offset_state import with_offset_state
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
@@ -271,7 +272,12 @@ def judge(
         verdict = _filter_of(chosen, again)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect if chosen.suspect in TAGS else "")
+        if chosen.suspect == IMU_TAGS:
+            verdict = with_offset_state(verdict, again)
+        tags = chosen.suspect in TAGS
+        return verdict, past.after_verdict(
+            chosen.suspect if tags else "", not tags or verdict.setup is not None
+        )
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past

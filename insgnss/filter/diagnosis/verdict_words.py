@@ -29,7 +29,6 @@ RATES_DISAGREE: Final = (
     "the range rates agree on no velocity and the pseudoranges on a place that the filter excludes; range rates are"
     " left out for at least ten minutes (check their unit, wavelength and time)"
 )
-OFFSET_AS_STATE: Final = "the offset of the inertial time tags becomes a state"
 STUCK_RATES: Final = (
     "the receiver repeats the range rates of an earlier epoch; they are refused while it does"
 )
@@ -53,8 +52,11 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
                 f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
             )
         sigmas = "the sigmas do not include it"
-        if verdict.suspect == IMU_TAGS:
-            sigmas = "process.imu_time_sigma_s = 0.1 makes the offset a state from the start"
+        if verdict.setup is not None:
+            sigmas = (
+                "the last minute is recomputed with the offset as a state (process.imu_time_sigma_s = 0.1 makes it one"
+                " from the start)"
+            )
         along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
         detail = (
             f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"

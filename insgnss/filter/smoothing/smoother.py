@@ -118,11 +118,10 @@ class Smoother:
         self._stood = None
         if bank is None:
             self._linked, self._phase = False, None
-            if (
-                navigator.setup is not self._setup
-            ):  # one that restarts with a further state: no way leads back
-                self._setup, self.kept, self.phases = navigator.setup, [], {}
             return
+        if navigator.setup is not self._setup:  # from a filter with further states no way leads back
+            self._setup, self.kept, self.phases = navigator.setup, [], {}
+            self._linked, self._phase = False, None
         if self._began_ns is None:
             self._began_ns = self.navigator.started_ns
         replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
