@@ -110,7 +110,7 @@ for seed in SEEDS:
 # Error over sigma in the second half of each flight, rms over the flights. Without the states the filter attributes
 # what the satellites show to the attitude, and roll is wrong by four sigmas. Position and velocity are then compared at
 # the IMU's tags, so their errors include the motion of 20 ms. In two of the flights the filter notices after half a
-# minute that the tags are late, and restarts with their offset as a state; the lever arm stays wrong. In the first
+# minute that the tags are late, and goes on with their offset as a state; the lever arm stays wrong. In the first
 # flight it suspects a sensor instead.
 
 # %%

@@ -22,7 +22,7 @@ from insgnss.tables import Float64
 
 IMU_TIME: Final = "imu_time"
 _COLUMNS: Final = ("imu_time_offset_s",)
-# of a filter that has found the tags to be off, and restarts
+# of a filter that has found the tags to be off
 UNKNOWN_IMU_TIME: Final = StateBlock(IMU_TIME, _COLUMNS, "s", 0.1, shown=False)
 
 

@@ -3,7 +3,7 @@
 A range rate is that of the antenna's velocity T earlier, so it grows with T by u . a less the satellite's part of the
 range's acceleration (``rows.late_rates``). Early inertial tags do the same to it, but they move the pseudoranges, too:
 where both are states, pseudoranges and carriers say which it is. No setting asks for this state: a filter that has
-found such tags restarts with both.
+found such tags goes on with both.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ LATER: Final = (
     Mark("fault_gnss_50ms", "worst *", TIME_OFFSET),
     Mark("fault_gnss_50ms", "no false heading", TIME_OFFSET),
     Mark("fault_imu_50ms", "worst velocity all", BEFORE),
-    Mark("fault_imu_early", "worst velocity all", BEFORE),
+    Mark("fault_imu_early", "worst *", BEFORE),
 )
 A6: Final = "a fault that shows late, or not before the next turn"
 
