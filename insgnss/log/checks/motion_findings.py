@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.config.imu import ImuGrade
 from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.far_shift import FARTHEST_S, far_shift
@@ -25,6 +26,7 @@ from insgnss.log.checks.vehicle_axes import (
 )
 from insgnss.log.flight import Flight
 from insgnss.tables import Float64
+from insgnss.units import ppm_to_ratio
 
 EDGE_S: Final = 1.0  # the stretches stay so far inside the inertial log, for the fine shift
 MARGIN_S: Final = 1.5
@@ -155,7 +157,15 @@ def _refined(
         return None
     grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
     gyro_map = one.factor * one.gyro_map
-    return refine(chosen, grid, gyro_map, one.handed, lever_s, lever_sd_m, time_sd_s)
+    scale_sd = _scale_sigmas(flight.imu_grade)
+    return refine(chosen, grid, gyro_map, one.handed, lever_s, lever_sd_m, time_sd_s, scale_sd)
+
+
+def _scale_sigmas(grade: ImuGrade) -> Float64:
+    """Return (2, 3, 3) sigmas of scale factors and, off the diagonal, misalignments: accelerometers', gyros'."""
+    scale = ppm_to_ratio(np.array([grade.accel_scale_factor_ppm, grade.gyro_scale_factor_ppm]))
+    across = 1e-3 * np.array([grade.accel_misalignment_mrad, grade.gyro_misalignment_mrad])
+    return np.asarray(np.where(np.eye(3) > 0.0, scale[:, None, None], across[:, None, None]))
 
 
 def _no_motion() -> Finding:

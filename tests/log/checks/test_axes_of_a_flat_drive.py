@@ -22,6 +22,7 @@ from insgnss.log.checks.longitudinal_axis import CORRELATION_S, STEADY, mean_dir
 from insgnss.log.checks.report import CheckReport, Finding
 from insgnss.log.checks.stretches import GnssStretch
 from insgnss.log.checks.vehicle_axes import axes_findings, candidates
+from insgnss.runs.check import examine
 from insgnss.runs.simulate import simulate
 from insgnss.tables import ImuTable
 
@@ -219,3 +220,11 @@ def test_check_does_not_write_axes_that_are_only_likely(tmp_path: Path) -> None:
     assert told.exit_code == 3 and 'imu.axes = ["-x", "-y", "+z"]' in told.output, told.output
     assert "(likely" in told.output and "only certain ones are written" in told.output
     assert not corrected.exists()
+
+
+def test_scale_errors_of_a_telephone_do_not_reverse_a_gyro(tmp_path: Path) -> None:
+    """Corners that the gyro z reads 1 % too large were explained better by a wrong sign of x: reported as an error."""
+    simulate("city_car", seed=5).save(tmp_path)
+    told = [each for each in examine(tmp_path / "flight.toml").findings if each.topic == "motion"]
+    assert "the axes fit the motion; it does not show the sign or order of gyro x, gyro y" in told[0].text
+    assert not [each for each in told if each.proposals]

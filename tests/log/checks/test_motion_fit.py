@@ -5,13 +5,25 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.log.checks.axis_search import Match, search
 from insgnss.log.checks.motion_fit import fit_costs, integrate, rotate, signed_permutations
-from insgnss.log.checks.refinement import BIAS_A, BIAS_G, LEVER, TAU, RefinedEstimate, refine
-from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, inertial_grid
+from insgnss.log.checks.refinement import (
+    BIAS_A,
+    BIAS_G,
+    LEVER,
+    SCALE_A,
+    SCALE_G,
+    TAU,
+    RefinedEstimate,
+    refine,
+)
+from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, inertial_grid, stretches
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.checks.vehicle_axes import candidates, names
 from insgnss.tables import ImuTable
 
@@ -158,6 +170,39 @@ def test_biases_are_recovered_within_their_sigma(drive: Drive, rng: np.random.Ge
     result = refined(drive, rng, ZERO, ImuTable(imu.t_ns, imu.w_ib_b + b_g, imu.f_b + b_a))
     assert (np.abs(result.x[BIAS_A] - b_a) < 4.0 * result.sd[BIAS_A] + 5e-3).all()
     assert (np.abs(result.x[BIAS_G] - b_g) < 4.0 * result.sd[BIAS_G] + 2e-4).all()
+
+
+def test_scale_errors_are_recovered_within_their_sigma(drive: Drive, rng: np.random.Generator) -> None:
+    """Without them the fit leaves four times the noise."""
+    imu, stretch = drive.imu(), drive.stretch(ZERO, rng, 0.03)
+    M_a, M_g = 0.01 * rng.standard_normal((2, 3, 3))
+    spoilt = ImuTable(imu.t_ns, imu.w_ib_b + imu.w_ib_b @ M_g.T, imu.f_b + imu.f_b @ M_a.T)
+    grid = grid_of(spoilt, stretch)
+    known = np.full((2, 3, 3), 0.01)
+    result = refine([stretch], grid, np.eye(3), 1, ZERO, scale_sd=known)
+    for at, M in ((SCALE_A, M_a), (SCALE_G, M_g)):
+        assert (np.abs(result.x[at] - M.ravel()) < 4.0 * result.sd[at] + 5e-4).all()
+    assert result.sd[SCALE_G][8] < 0.004, "the turns show the scale of gyro z, known to 0.01 before"
+    assert result.rms_mps < 0.04 and refine([stretch], grid, np.eye(3), 1, ZERO).rms_mps > 0.08
+
+
+def test_turn_of_the_earth_is_not_left_in_the_velocity() -> None:
+    """A force that is constant in axes that do not turn gains velocity along one line, in 40 s to a mm/s."""
+    t_s, force, omega = np.arange(0.0, 40.5, 0.5), np.array([20.0, -5.0, 3.0]), WGS84_OMEGA_RADPS
+
+    def motion(t: float, state: Float64) -> Float64:
+        gravity = np.empty(3)
+        normal_gravity_ecef(state[:3], gravity)
+        f_e = Rotation.from_euler("z", -omega * t).apply(force)
+        coriolis = 2.0 * np.cross([0.0, 0.0, omega], state[3:])
+        return np.concatenate((state[3:], f_e + gravity - coriolis))
+
+    start = np.array([4.2e6, 1.0e6, 4.7e6, 200.0, -150.0, 100.0])
+    way = solve_ivp(motion, (0.0, 40.0), start, t_eval=t_s, rtol=1e-10, atol=1e-6).y.T
+    sd = np.full(len(t_s), 0.02)
+    track = GnssTrack(t_s, way[:, :3], way[:, 3:], sd, 0.0 * t_s, 0.0 * t_s, 0, len(t_s), len(t_s), len(t_s))
+    (one,) = stretches(track, 40.0, [(-1.0, 41.0)])
+    np.testing.assert_allclose(one.s_e - one.s_e[0], np.outer(one.t_s, force), atol=2e-3)
 
 
 def test_standing_vehicle_gives_no_match(rng: np.random.Generator) -> None:
