@@ -19,6 +19,7 @@ from insgnss.config.library import filter_config
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
+from insgnss.gnss.orbits.satellite_state import range_rates, row_wavelengths
 from insgnss.log.checks.clock import clock_findings, oscillator_findings
 from insgnss.log.checks.corrected_file import corrected_flight
 from insgnss.log.checks.declaration import AxesDeclaration, declared_log
@@ -29,6 +30,7 @@ from insgnss.log.checks.gnss_time import gnss_time_findings
 from insgnss.log.checks.imu import GroundVelocity, imu_findings
 from insgnss.log.checks.imu_rate import at_full_rate
 from insgnss.log.checks.motion_findings import match_of, motion_findings
+from insgnss.log.checks.rate_lag import KnownLag, known_lag
 from insgnss.log.checks.report import (
     AXES_FIT,
     CLOCK_LEAPS,
@@ -39,7 +41,7 @@ from insgnss.log.checks.report import (
     Proposal,
 )
 from insgnss.log.checks.sensor_findings import read_sensor_logs, sensor_findings
-from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
+from insgnss.log.checks.time_offset import HOUR_S, NO_RATES, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack, track_of
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_receiver
@@ -122,12 +124,27 @@ def _against_each_other(
         leaps = any(finding.kind == CLOCK_LEAPS for finding in findings)  # by the range rates
         more += [f for f in clock_findings(track) if not (leaps and f.kind == CLOCK_LEAPS)]
         more += oscillator_findings(track, flight.oscillator)
-    more += sensor_findings(read_sensor_logs(flight), track, logs.imu)
+    lag = _rate_lag(flight, gnss)
+    more += [] if lag is None else lag.findings
+    of_epochs = track if track is None or lag is None else lag.at_epochs(track)
+    more += sensor_findings(read_sensor_logs(flight), of_epochs, logs.imu)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
-    of_imu, confirmed = _inertial_log(flight, logs, findings, week, track, gnss.t_ns, changed=changed)
+    of_imu, confirmed = _inertial_log(
+        flight, logs, findings, week, track, gnss.t_ns, changed=changed, lag=lag
+    )
     if any(finding.severity == "error" and not finding.proposals for finding in time):
         of_imu = [_doubted_offset(finding) for finding in of_imu]
     return more + of_imu, confirmed
+
+
+def _rate_lag(flight: Flight, gnss: GnssTable) -> KnownLag | None:
+    """Return what is known of the lag of the log's range rates, None without any."""
+    channels = gnss.glonass_channels | flight.config.gnss.glonass_channels
+    rates, phases = range_rates(gnss, channels), gnss.carrier_cycles
+    if not np.isfinite(rates).any():
+        return None
+    carriers_m = None if phases is None else row_wavelengths(gnss, channels) * phases
+    return known_lag(gnss, rates, carriers_m, flight.config.gnss.range_rate_lag_s)
 
 
 def _doubted_offset(finding: Finding) -> Finding:
@@ -176,6 +193,7 @@ def _inertial_log(
     epoch_ns: Int64,
     *,
     changed: bool,
+    lag: KnownLag | None = None,
 ) -> tuple[list[Finding], bool]:
     """Return what the vehicle's track says of the inertial log, and whether it bears out the declared axes.
 
@@ -183,6 +201,7 @@ def _inertial_log(
     ----------
     epoch_ns : (m,) times of the log that the track is from
     changed : whether the inertial log has to be read again, with what was proposed so far
+    lag : of the range rates that the track's velocities are from
     """
     if flight.config.imu is None:
         return [], False
@@ -206,7 +225,7 @@ def _inertial_log(
     if track is None or len(track.t_s) < MIN_TRACK:
         text = "too few epochs with a position: the inertial log cannot be compared with the satellites"
         return [*more, Finding("warning", "motion", text)], False
-    motion = _motion(flight, declared, track, epoch_ns)
+    motion = _motion(flight, declared, track, epoch_ns, lag)
     return more + motion, any(finding.kind == AXES_FIT for finding in motion)
 
 
@@ -248,16 +267,20 @@ def _accelerometer_findings(
     return [Finding("error", "imu", text, "", "sure: no other unit does", proposals)]
 
 
-def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, epoch_ns: Int64) -> list[Finding]:
+def _motion(
+    flight: Flight, declared: AxesDeclaration, track: GnssTrack, epoch_ns: Int64, lag: KnownLag | None
+) -> list[Finding]:
+    rates = NO_RATES if lag is None else lag.in_time
+    track = track if lag is None else lag.velocities(track)
     imu_ns = (int(declared.imu.t_ns[0]), int(declared.imu.t_ns[-1]))
     declared = declared._replace(imu=at_full_rate(declared.imu))
     shifts = overlapping_shifts(imu_ns, (int(epoch_ns[0]), int(epoch_ns[-1])))[:MOST_SHIFTS]
     if not shifts:
-        return motion_findings(flight, declared, track)
+        return motion_findings(flight, declared, track, rates=rates)
     peaks = [(match_of(flight, declared, track, float(shift)), shift) for shift in shifts]
     matches = [(match.contrast, shift) for match, shift in peaks if match is not None]
     if matches:
-        return motion_findings(flight, declared, track, float(max(matches)[1]))
+        return motion_findings(flight, declared, track, float(max(matches)[1]), rates)
     return [_unmoved(flight, shifts)]
 
 

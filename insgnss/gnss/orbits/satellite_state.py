@@ -136,6 +136,19 @@ def glonass_channels(gnss: GnssTable, nav: BroadcastMessages | None = None) -> d
     return gnss.glonass_channels | ({} if nav is None else nav.channels)
 
 
+def row_wavelengths(gnss: GnssTable, channels: Mapping[str, int] | None = None) -> Float64:
+    """Return the carrier's wavelength of every row [m], NaN where the signal or the channel is not known.
+
+    ``channels`` : GLONASS channels (``glonass_channels``); those of the log when None
+    """
+    channels = gnss.glonass_channels if channels is None else channels
+    wavelength = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), math.nan)
+    for i, name in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            wavelength[i, j] = wavelength_m(name[0], code, channels.get(name))
+    return np.asarray(wavelength[gnss.sv, gnss.signal])
+
+
 def range_rates(gnss: GnssTable, channels: Mapping[str, int] | None = None) -> Float64:
     """Return the range rate of every row [m/s]: as logged, else -wavelength * Doppler, NaN where neither is known.
 
@@ -144,12 +157,7 @@ def range_rates(gnss: GnssTable, channels: Mapping[str, int] | None = None) -> F
     gnss : the log
     channels : GLONASS channels (``glonass_channels``); those of the log when None
     """
-    channels = gnss.glonass_channels if channels is None else channels
-    wavelength = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), math.nan)
-    for i, name in enumerate(gnss.sv_names):
-        for j, code in enumerate(gnss.signal_names):
-            wavelength[i, j] = wavelength_m(name[0], code, channels.get(name))
-    from_doppler = -wavelength[gnss.sv, gnss.signal] * gnss.doppler_hz
+    from_doppler = -row_wavelengths(gnss, channels) * gnss.doppler_hz
     return np.where(np.isnan(gnss.range_rate_mps), from_doppler, gnss.range_rate_mps)
 
 

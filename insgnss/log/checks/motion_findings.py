@@ -11,10 +11,10 @@ from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, i
 from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.far_shift import FARTHEST_S, far_shift
 from insgnss.log.checks.lever_arm import lever_arm_findings
-from insgnss.log.checks.refinement import ANY_LEVER_M, TAU, RefinedEstimate, refine
+from insgnss.log.checks.refinement import TAU, UNKNOWN, RefinedEstimate, Uncertainty, refine
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.checks.stretches import GnssStretch, inertial_grid, length_for, spans_without_gaps, stretches
-from insgnss.log.checks.time_offset import Timing, offset_findings
+from insgnss.log.checks.time_offset import NO_RATES, RatesInTime, Timing, offset_findings
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.checks.vehicle_axes import (
     VehicleAxes,
@@ -37,7 +37,11 @@ UNIT_FITS: Final = 20.0  # a unit that is ruled out by less is only suspected
 
 
 def motion_findings(
-    flight: Flight, declared: AxesDeclaration, track: GnssTrack, base_s: float = 0.0
+    flight: Flight,
+    declared: AxesDeclaration,
+    track: GnssTrack,
+    base_s: float = 0.0,
+    rates: RatesInTime = NO_RATES,
 ) -> list[Finding]:
     """Return the findings from the motion on the inertial log.
 
@@ -46,6 +50,7 @@ def motion_findings(
     declared : the log in its own axes, accelerometers in their right unit
     track : the antenna's way
     base_s : whole hours or weeks that the inertial tags are off, added to them here
+    rates : whether the track's velocities may be late
     """
     match = match_of(flight, declared, track, base_s)
     far_s = far_shift(
@@ -67,11 +72,11 @@ def motion_findings(
     if timing is None:
         return [*unit, *axes]
     known = timing._replace(sd_s=float(np.hypot(timing.sd_s, track.sd_time_s)))
-    times = offset_findings(flight, known, match.contrast, track.origin_ns)
+    times = offset_findings(flight, known, match.contrast, track.origin_ns, rates)
     if not decided(readings):
         return [*unit, *axes, *times]
     free = np.zeros(3)
-    refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
+    refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, UNKNOWN)
     if refined is None:
         return [*unit, *axes, *times]
     return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
@@ -103,7 +108,7 @@ def _weighed(
     if any(is_map(one, own, 1.0) and one.handed == handed for one in match.tied):
         return match
     seen = [one for one in match.ranked if one.cost < LOOKED_AT or is_map(one, own, 1.0)]
-    refined = [_refined(flight, declared, track, one, shift_s, np.zeros(3), ANY_LEVER_M) for one in seen]
+    refined = [_refined(flight, declared, track, one, shift_s, np.zeros(3), UNKNOWN) for one in seen]
     costs = np.array([np.inf if one is None else one.cost for one in refined])
     if not np.isfinite(costs).any():
         return match
@@ -125,11 +130,11 @@ def _timing(
     """Return the offset by least squares, begun on both sides of the peak too, and the evidence for an offset."""
     given = flight.config.gnss.lever_b
     lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
-    lever_sd = USUAL_LEVER_M if given is None else GIVEN_M
+    known = Uncertainty(lever_m=USUAL_LEVER_M if given is None else GIVEN_M)
     timings = []
     for begin in (-0.25, 0.0, 0.25):
         begin_s = base_s + shift_s + begin
-        refined = _refined(flight, declared, track, best.hypothesis, begin_s, lever_s, lever_sd)
+        refined = _refined(flight, declared, track, best.hypothesis, begin_s, lever_s, known)
         if refined is not None:
             offset = begin_s + float(refined.x[TAU])
             timings.append(Timing(offset, float(refined.sd[TAU]), refined.cost, np.inf))
@@ -138,7 +143,7 @@ def _timing(
     timing = min(timings, key=lambda one: one.cost)
     if shift_s != 0.0 or base_s != 0.0:
         return timing
-    still = _refined(flight, declared, track, best.hypothesis, 0.0, lever_s, lever_sd, 1e-6)
+    still = _refined(flight, declared, track, best.hypothesis, 0.0, lever_s, known._replace(time_s=1e-6))
     return timing if still is None else timing._replace(gain=still.cost - timing.cost)
 
 
@@ -149,16 +154,15 @@ def _refined(
     one: Hypothesis,
     shift_s: float,
     lever_s: Float64,
-    lever_sd_m: float,
-    time_sd_s: float = 2.0,
+    known: Uncertainty,
 ) -> RefinedEstimate | None:
     chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
     if not chosen:
         return None
     grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
     gyro_map = one.factor * one.gyro_map
-    scale_sd = _scale_sigmas(flight.imu_grade)
-    return refine(chosen, grid, gyro_map, one.handed, lever_s, lever_sd_m, time_sd_s, scale_sd)
+    known = known._replace(scale=_scale_sigmas(flight.imu_grade), smoothed_s2=track.late_s**2)
+    return refine(chosen, grid, gyro_map, one.handed, lever_s, known)
 
 
 def _scale_sigmas(grade: ImuGrade) -> Float64:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from insgnss.config.flight import FlightConfig
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
-from insgnss.log.checks.axis_search import EQUAL
+from insgnss.log.checks.axis_search import EQUAL, SURE
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.flight import Flight
 from insgnss.log.imu.csv_log import inertial
@@ -32,7 +34,32 @@ class Timing(NamedTuple):
     gain: float  # of the cost against no offset at all
 
 
-def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: int) -> list[Finding]:
+class RatesInTime(NamedTuple):
+    """What else may explain an offset: a lag of the range rates that the comparison did not take out."""
+
+    used_s: float  # lag that it did take out
+    rest_s: float  # what the ranges say of the rest
+    sd_s: float  # infinite: nothing
+
+    def lag_s(self, timing: Timing) -> float | None:
+        """Return the lag that explains an offset as well as wrong tags: they differ in what the ranges should say.
+
+        None where the ranges, or a lag below zero, rule it out.
+        """
+        late_s, sd_s = self.used_s + timing.offset_s, float(np.hypot(self.sd_s, timing.sd_s))
+        if not -SUSPECT_SIGMAS * timing.sd_s <= late_s <= LONGEST_LAG_S:
+            return None
+        ruled_out = (timing.offset_s - self.rest_s) ** 2 - self.rest_s**2 > SURE * sd_s**2
+        return None if ruled_out else max(late_s, 0.0)
+
+
+LONGEST_LAG_S: Final = 2.0  # of the key gnss.range_rate_lag_s
+NO_RATES: Final = RatesInTime(-np.inf, 0.0, np.inf)  # the velocities are not of range rates
+
+
+def offset_findings(
+    flight: Flight, timing: Timing, contrast: float, origin_ns: int, rates: RatesInTime = NO_RATES
+) -> list[Finding]:
     """Return the offset as a finding, with proposals where it is one.
 
     Parameters
@@ -40,15 +67,24 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     timing : the offset and how sure it is
     contrast : how far -2 log likelihood falls at it below that of other shifts
     origin_ns : GPS time of the log
+    rates : a lag of the range rates instead; where the ranges leave both, both are named and none is proposed
     """
     offset_s, sd_s = timing.offset_s, timing.sd_s
     leap = leap_seconds(ns_to_datetime(origin_ns))
     weeks, hours, leaps, rest = split(offset_s, leap)
     significant = abs(rest) > max(SIGNIFICANT_SIGMAS * sd_s, SMALLEST_S)
+    lag_s = rates.lag_s(timing)
     if not (weeks or hours or leaps) and not significant:
-        return [_small_offset(offset_s, sd_s)]
+        return [_small_offset(offset_s, sd_s, lag_s)]
     side = "behind" if offset_s > 0.0 else "ahead"
     text = f"the IMU tags are {abs(offset_s):.3f} s {side}{_label(weeks, hours, leaps)}"
+    if lag_s is not None:
+        text += f", or the range rates lag by {lag_s:.3f} s" if lag_s else ", or the range rates do not lag"
+        advice = f"suspected imu.time.offset_s = {offset_s:+.3f}{_or_lag(lag_s)}: {_WHAT_DECIDES}"
+        return [Finding("warning", "motion", text, advice, f"sigma {sd_s:.3f} s")]
+    if abs(offset_s) < rates.used_s:
+        advice = f"suspected imu.time.offset_s = {offset_s:+.3f}: {_FORM_OF_LAG}"
+        return [Finding("warning", "motion", text, advice, f"sigma {sd_s:.3f} s")]
     if sd_s > MOST_SIGMA_S or timing.gain < EQUAL:
         advice = f"suspected imu.time.offset_s = {offset_s:+.2f}; more turns, runs and stops decide"
         return [Finding("warning", "motion", text, advice, f"sigma {sd_s:.2f} s")]
@@ -58,14 +94,30 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     return [Finding("error", "motion", text, "", sure, proposals)]
 
 
-def _small_offset(offset_s: float, sd_s: float) -> Finding:
+_WHAT_DECIDES: Final = (
+    "the ranges do not tell them apart; carrier phases in the log, or more turns, runs and stops, decide"
+)
+
+
+# With rates of the Xi'an car put 0.2 s late its tags, which are right, seem 0.15 s ahead: seven sigmas
+_FORM_OF_LAG: Final = (
+    "the range rates' lag is taken out as a delay, and how they are smoothed may look like this"
+)
+
+
+def _or_lag(lag_s: float | None) -> str:
+    return "" if lag_s is None else f" or gnss.range_rate_lag_s = {lag_s:.3f}"
+
+
+def _small_offset(offset_s: float, sd_s: float, lag_s: float | None) -> Finding:
     """Return the finding of an offset that is not large or sure enough for a proposal."""
     estimate = f"offset {offset_s:+.3f} s, sigma {sd_s:.3f} s"
     if abs(offset_s) <= SUSPECT_SIGMAS * sd_s:
         return Finding("ok", "motion", f"IMU and GNSS tags agree: {estimate}")
     text = f"IMU and GNSS tags do not agree: {estimate}, {abs(offset_s) / sd_s:.1f} sigma"
     advice = (
-        f"suspected imu.time.offset_s = {offset_s:+.3f}: a latency of either log, or a delay of the sensor's filter;"
+        f"suspected imu.time.offset_s = {offset_s:+.3f}{_or_lag(lag_s)}: a latency of either log, or a delay of the"
+        " sensor's filter;"
         " more turns, runs and stops decide"
     )
     return Finding("warning", "motion", text, advice)

@@ -38,6 +38,7 @@ class GnssTrack:
     n_good: int  # epochs whose position passed all tests, or whose ranges contradict it as reflections do
     n_tested: int  # those of them that were tested: there was a redundant row
     sd_time_s: float = 0.0  # how well the times of the velocities are known
+    late_s: float = 0.0  # lag of the range rates, taken out of the times
     # of every epoch of the log: chi-square of all its ranges, not finite without a common fit, and their redundancy
     range_chi2: Float64 = field(default_factory=lambda: np.zeros(0))
     range_freedom: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))

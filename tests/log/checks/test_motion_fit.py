@@ -20,6 +20,7 @@ from insgnss.log.checks.refinement import (
     SCALE_G,
     TAU,
     RefinedEstimate,
+    Uncertainty,
     refine,
 )
 from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, inertial_grid, stretches
@@ -179,7 +180,7 @@ def test_scale_errors_are_recovered_within_their_sigma(drive: Drive, rng: np.ran
     spoilt = ImuTable(imu.t_ns, imu.w_ib_b + imu.w_ib_b @ M_g.T, imu.f_b + imu.f_b @ M_a.T)
     grid = grid_of(spoilt, stretch)
     known = np.full((2, 3, 3), 0.01)
-    result = refine([stretch], grid, np.eye(3), 1, ZERO, scale_sd=known)
+    result = refine([stretch], grid, np.eye(3), 1, ZERO, Uncertainty(scale=known))
     for at, M in ((SCALE_A, M_a), (SCALE_G, M_g)):
         assert (np.abs(result.x[at] - M.ravel()) < 4.0 * result.sd[at] + 5e-4).all()
     assert result.sd[SCALE_G][8] < 0.004, "the turns show the scale of gyro z, known to 0.01 before"
