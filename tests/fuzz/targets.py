@@ -6,8 +6,7 @@ import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from insgnss.antenna.obstruction import read_obstruction
 from insgnss.antenna.pattern_file import read_pattern
@@ -44,7 +43,6 @@ from insgnss.results.record import RECORD
 from insgnss.results.saving import saving, write_file
 from insgnss.runs.result import TABLES, Run
 from insgnss.studies.campaign.study import load_campaign, tasks_of
-from insgnss.tables import GnssTable
 from tests.antenna import test_obstruction, test_pattern_file
 from tests.config import test_simulation, test_strict
 from tests.gnss import precise_sample
@@ -62,6 +60,7 @@ from tests.log import (
     test_ubx_solution,
     test_ulog,
 )
+from tests.log.sound import check_imu, check_log, check_navigation, check_table
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_config, imu_config, tabbed
 from tests.small_run import small_run
@@ -69,6 +68,7 @@ from tests.small_run import small_run
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "models"
 MINIMISED = ROOT / "tests/fuzz/minimised"
+UNIX = {"origin": "unix_epoch", "scale": "utc"}
 _USED = ("nav", "measurements", "satellites", "events", "errors")  # by what is done with a run
 
 
@@ -89,26 +89,15 @@ def replace_file(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _check(table: GnssTable) -> None:
-    assert len(table.t_ns) > 0 and (np.diff(table.t_ns) >= 0).all()
-    for values in (table.pseudorange_m, table.doppler_hz, table.range_rate_mps, table.cn0_dbhz):
-        assert not np.isinf(values).any()
+def _imu(path: Path, **settings: Any) -> None:
+    check_imu(read_imu(imu_config(path, **settings), WEEK)[0])
 
 
-def _check_log(log: ReceiverLog) -> None:
-    if len(log.gnss.t_ns):
-        _check(log.gnss)
-    if log.imu is not None:
-        assert (np.diff(log.imu.t_ns) > 0).all() and np.isfinite(log.imu.f_b).all()
-    for own in (log.solution, log.fixes):
-        if own is not None:
-            assert (np.diff(own.t_ns) > 0).all() and np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all()
-
-
-def _imu(path: Path) -> None:
-    table, _ = read_imu(imu_config(path), WEEK)
-    assert (np.diff(table.t_ns) > 0).all()
-    assert np.isfinite(table.w_ib_b).all() and np.isfinite(table.f_b).all()
+def _navigation(path: Path) -> None:
+    navigation, _ = read_navigation([path])
+    check_navigation(navigation)
+    vectors = navigation.state_vectors
+    assert len(navigation.ephemerides.toe_ns) > 0 or (vectors is not None and len(vectors.t_ns) > 0)
 
 
 def _campaign(path: Path) -> None:
@@ -189,7 +178,7 @@ def _resealed(
 
     def read_sealed(path: Path) -> None:
         path.write_bytes(seal(path.read_bytes()))
-        _check_log(read([path]))
+        check_log(read([path]))
 
     return read_sealed
 
@@ -198,10 +187,10 @@ def _optional() -> list[Target]:
     """Return the readers whose libraries are installed."""
     found = []
     if importlib.util.find_spec("pyulog") is not None:
-        found.append(Target("ulog", [test_ulog.SMALL], lambda path: _check_log(read_ulog(path))))
+        found.append(Target("ulog", [test_ulog.SMALL], lambda path: check_log(read_ulog(path))))
     if importlib.util.find_spec("mcap_ros2") is not None:
         bags = [test_rosbag.recorded(packed, 2).data for packed in ("NONE", "LZ4", "ZSTD")]
-        found.append(Target("mcap", bags, lambda path: _check_log(read_rosbag(path))))
+        found.append(Target("mcap", bags, lambda path: check_log(read_rosbag(path))))
     return found
 
 
@@ -212,6 +201,7 @@ def _drop(_: object) -> None:
 def targets(folder: Path) -> list[Target]:
     """Return all targets; the saved runs lie in ``folder``."""
     gnss, imu = test_fuzz.GNSS_TEXT.encode(), test_fuzz.IMU_TEXT.encode()
+    of_1970 = b"\n".join(b"1688037" + line[1:] if line[:1] == b"1" else line for line in imu.splitlines())
     nav = [
         test_fuzz.NAV_TEXT.encode(),
         b"\n".join((ROOT / "data/sample_flight/nav.rnx").read_bytes().splitlines()[:60]),
@@ -225,12 +215,15 @@ def targets(folder: Path) -> list[Target]:
     events = b"time_s,sv,event\n293700.0,G05,lock\n293710.0,G07,loss\n293720.5,E11,lock\n"
     return [
         Target("imu csv", [imu, *_minimised("imu")], _imu),
-        Target("gnss csv", [gnss], lambda path: _check(read_gnss(gnss_config(path), WEEK)[0])),
+        Target("gnss csv", [gnss], lambda path: check_table(read_gnss(gnss_config(path), WEEK)[0])),
         Target("reference csv", [reference], lambda path: _drop(read_reference(Reference(file=path), WEEK))),
         Target("receiver events", [events], lambda path: _drop(read_receiver_events(path, WEEK))),
-        Target("rinex navigation", [*nav, *_minimised("nav")], lambda path: _drop(read_navigation([path]))),
+        Target("imu csv of Unix time", [of_1970], lambda path: _imu(path, time=UNIX), 0.5),
+        Target("rinex navigation", [*nav, *_minimised("nav")], _navigation),
         Target(
-            "rinex observations", [*obs, *_minimised("obs")], lambda path: _check(read_rinex_obs([path])[0])
+            "rinex observations",
+            [*obs, *_minimised("obs")],
+            lambda path: check_table(read_rinex_obs([path])[0]),
         ),
         Target("sp3", [sp3, *_minimised("sp3")], lambda path: _drop(read_precise([path]))),
         Target("rinex clock", [clocks], _clocks(sp3)),
@@ -241,10 +234,10 @@ def targets(folder: Path) -> list[Target]:
         ),
         Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
         Target(
-            "ubx", [test_ubx_fuzz.SMALL, test_ubx_solution.FIXES], lambda path: _check_log(read_ubx([path]))
+            "ubx", [test_ubx_fuzz.SMALL, test_ubx_solution.FIXES], lambda path: check_log(read_ubx([path]))
         ),
-        Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
-        Target("novatel", [test_novatel.FUZZED], lambda path: _check_log(read_novatel([path])), 0.3),
+        Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: check_log(read_sbf(path))),
+        Target("novatel", [test_novatel.FUZZED], lambda path: check_log(read_novatel([path])), 0.3),
         Target(
             "novatel messages",
             [test_novatel.FUZZED],
@@ -252,14 +245,14 @@ def targets(folder: Path) -> list[Target]:
             0.7,
         ),
         *_optional(),
-        Target("nmea", [test_nmea.EPOCHS], lambda path: _check_log(read_nmea([path])), 0.3),
+        Target("nmea", [test_nmea.EPOCHS], lambda path: check_log(read_nmea([path])), 0.3),
         Target("nmea sentences", [test_nmea.EPOCHS], _resealed(read_nmea, test_nmea.resealed), 0.7),
-        Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
+        Target("rtcm", [test_rtcm.STREAM], lambda path: check_log(read_rtcm([path])), 0.3),
         Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
             "android",
             [test_fuzz_receivers.ANDROID.encode(), *_minimised("android")],
-            lambda path: _check_log(read_android(path)),
+            lambda path: check_log(read_android(path)),
         ),
         Target("format", [obs[0], imu, test_ubx_fuzz.SMALL], lambda path: _drop(detect_format(path)), 0.3),
         Target("antenna pattern", [test_pattern_file.GOOD.encode()], lambda path: _drop(read_pattern(path))),

@@ -9,16 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from insgnss.config.flight import FlightConfig
-from insgnss.config.strict import load_toml
 from insgnss.errors import InsGnssError
 from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
-from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu.csv_log import read_imu
-from insgnss.log.rinex.navigation import read_navigation
-from insgnss.log.rinex.observations import read_rinex_obs
-from tests.config.test_strict import GOOD
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message
 from tests.log.test_rinex_observations import HEADER as OBS_HEADER
@@ -26,10 +19,7 @@ from tests.log.test_rinex_observations import epoch
 from tests.log.writing import (
     GNSS_HEADER,
     IMU_HEADER,
-    WEEK,
-    gnss_config,
     gnss_lines,
-    imu_config,
     lines_of,
     rest,
 )
@@ -39,123 +29,10 @@ GNSS_TEXT = "\n".join([GNSS_HEADER, *gnss_lines(6)]) + "\n"
 NAV_TEXT = NAV_HEADER + message() + message("E11") + message("C21")
 OBS_TEXT = OBS_HEADER + "".join(epoch(f"{42 + k}.0000000") for k in range(4))
 
-# A piece of text and where it goes: over the text, into it, or the text ends there
-PIECES = st.one_of(
-    st.binary(max_size=12),
-    st.sampled_from(
-        [
-            b"nan",
-            b"inf",
-            b"-",
-            b",",
-            b",,",
-            b"\n",
-            b"\r",
-            b"\r\n",
-            b"#",
-            b'"',
-            b";",
-            b" ",
-            b"\0",
-            b"\xff",
-            b"1e999",
-        ]
-    ),
-    st.sampled_from(
-        [b"\xef\xbb\xbf", b"9" * 40, b"-9223372036854775808", b"1,234", b"604799.9", b"\x1f", b"G99", b">"]
-    ),
-)
-DAMAGES = st.lists(
-    st.tuples(st.sampled_from(["over", "into", "end"]), st.floats(0.0, 1.0), PIECES), max_size=6
-)
-
-
-def damaged(text: str, damages: list[tuple[str, float, bytes]]) -> bytes:
-    data = text.encode()
-    for kind, share, piece in damages:
-        at = int(share * len(data))
-        if kind == "end":
-            data = data[:at] + piece
-        else:
-            data = data[:at] + piece + data[at + (len(piece) if kind == "over" else 0) :]
-    return data
-
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz") / "file"
-
-
-@settings(max_examples=150)
-@given(damages=DAMAGES)
-def test_inertial_log(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(IMU_TEXT, damages))
-    try:
-        table, _ = read_imu(imu_config(path), WEEK)
-    except InsGnssError:
-        return
-    assert (np.diff(table.t_ns) > 0).all()
-    assert np.isfinite(table.w_ib_b).all() and np.isfinite(table.f_b).all()
-
-
-@settings(max_examples=150)
-@given(damages=DAMAGES)
-def test_inertial_log_with_unix_time(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    text = "\n".join("1688037" + line[1:] if line[0] == "1" else line for line in IMU_TEXT.splitlines())
-    path.write_bytes(damaged(text, damages))
-    try:
-        table, _ = read_imu(imu_config(path, time={"origin": "unix_epoch", "scale": "utc"}), WEEK)
-    except InsGnssError:
-        return
-    assert (np.diff(table.t_ns) > 0).all() and (table.t_ns >= 0).all()
-
-
-@settings(max_examples=150)
-@given(damages=DAMAGES)
-def test_gnss_log(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(GNSS_TEXT, damages))
-    try:
-        table, _ = read_gnss(gnss_config(path), WEEK)
-    except InsGnssError:
-        return
-    assert (np.diff(table.t_ns) >= 0).all()
-    assert not np.isinf(table.pseudorange_m).any() and not np.isinf(table.doppler_hz).any()
-    assert ((table.sv >= 0) & (table.sv < len(table.sv_names))).all()
-    assert ((table.signal >= 0) & (table.signal < len(table.signal_names))).all()
-    assert (table.bad_cells < len(table.t_ns)).all()
-
-
-@settings(max_examples=100)
-@given(damages=DAMAGES)
-def test_rinex_navigation(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(NAV_TEXT, damages))
-    try:
-        navigation, _ = read_navigation([path])
-    except InsGnssError:
-        return
-    assert len(navigation.ephemerides.sv_names) == len(navigation.ephemerides.toe_ns) > 0
-
-
-@settings(max_examples=100)
-@given(damages=DAMAGES)
-def test_rinex_observations(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(OBS_TEXT, damages))
-    try:
-        table, _ = read_rinex_obs([path])
-    except InsGnssError:
-        return
-    assert len(table.t_ns) > 0 and (np.diff(table.t_ns) >= 0).all()
-
-
-@settings(max_examples=100)
-@given(damages=DAMAGES)
-def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(GOOD, damages))
-    try:
-        config = load_toml(path, FlightConfig)
-    except InsGnssError:
-        return
-    assert config.gps_week >= 0 and config.imu.files
 
 
 @settings(max_examples=300)

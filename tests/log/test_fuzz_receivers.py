@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sidereon
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from insgnss.errors import InsGnssError
@@ -19,7 +19,6 @@ from insgnss.log.detect import detect_format
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.log.sbf.reader import read_sbf
-from insgnss.tables import GnssTable
 from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER
 from tests.log.android_generator import epoch as android_epoch
@@ -36,8 +35,8 @@ from tests.log.sbf_encoder import (
     sensor,
     time,
 )
+from tests.log.sound import check_log
 from tests.log.test_android import SKY, T
-from tests.log.test_fuzz import DAMAGES, damaged
 from tests.log.test_rinex_observations import HEADER as OBS_HEADER
 from tests.log.test_rinex_observations import RINEX_2_MANY
 from tests.log.test_rinex_observations import epoch as rinex_epoch
@@ -74,7 +73,6 @@ SBF_BLOCKS = [
 ]
 # A place as a share of the file, and what is put over the byte there
 FLIPS = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), max_size=8)
-CUT = st.floats(0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -82,33 +80,12 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz") / "file"
 
 
-def check_table(table: GnssTable) -> None:
-    n = len(table.t_ns)
-    assert n > 0 and (np.diff(table.t_ns) >= 0).all()
-    for values in (table.pseudorange_m, table.doppler_hz, table.cn0_dbhz, table.carrier_cycles):
-        assert values is None or (len(values) == n and not np.isinf(values).any())
-    assert table.lli is None or (len(table.lli) == n and ((table.lli >= 0) & (table.lli < 8)).all())
-    assert ((table.sv >= 0) & (table.sv < len(table.sv_names))).all()
-    assert ((table.signal >= 0) & (table.signal < len(table.signal_names))).all()
-
-
-def check_log(read: Callable[[], ReceiverLog]) -> None:
+def check_result(read: Callable[[], ReceiverLog]) -> None:
     try:
         log = read()
     except InsGnssError:
         return
-    own = log.satellite_fixes()
-    if len(log.gnss.t_ns):
-        check_table(log.gnss)
-    else:  # a log may hold samples or a solution alone
-        assert log.imu is not None or log.solution is not None
-    if own is not None:
-        assert (np.diff(own.t_ns) > 0).all() and np.isfinite([own.lat_deg, own.lon_deg, own.h_m]).all()
-    if log.imu is not None:
-        assert (np.diff(log.imu.t_ns) > 0).all()
-        assert np.isfinite(log.imu.w_ib_b).all() and np.isfinite(log.imu.f_b).all()
-    if log.navigation is not None:
-        assert len(log.navigation.ephemerides.sv_names) == len(log.navigation.ephemerides.toe_ns)
+    check_log(log)
 
 
 def turned(data: bytes, flips: list[tuple[float, int]], cut: float) -> bytes:
@@ -116,31 +93,6 @@ def turned(data: bytes, flips: list[tuple[float, int]], cut: float) -> bytes:
     for share, value in flips:
         changed[min(int(share * len(data)), len(data) - 1)] = value
     return bytes(changed[: int(cut * len(data)) + 1])
-
-
-@pytest.mark.parametrize("kind", TEXTS)
-@settings(max_examples=EXAMPLES)
-@given(damages=DAMAGES)
-def test_rinex_observations_damaged(path: Path, kind: str, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(TEXTS[kind], damages))
-    check_log(lambda: ReceiverLog(read_rinex_obs([path])[0]))
-
-
-@pytest.mark.parametrize("kind", TEXTS)
-@settings(max_examples=EXAMPLES)
-@given(flips=FLIPS, cut=CUT)
-def test_rinex_observations_cut_with_bytes_changed(
-    path: Path, kind: str, flips: list[tuple[float, int]], cut: float
-) -> None:
-    path.write_bytes(turned(TEXTS[kind].encode(), flips, cut))
-    check_log(lambda: ReceiverLog(read_rinex_obs([path])[0]))
-
-
-@settings(max_examples=EXAMPLES)
-@given(damages=DAMAGES)
-def test_android_log_damaged(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
-    path.write_bytes(damaged(ANDROID, damages))
-    check_log(lambda: read_android(path))
 
 
 @settings(max_examples=EXAMPLES)
@@ -177,15 +129,7 @@ def test_android_cells_of_any_value(path: Path, cells: list[tuple[int, str]]) ->
                 row[column] = text
         lines[k] = ",".join(row)
     path.write_text(ANDROID_HEADER + "\n".join(lines) + "\n")
-    check_log(lambda: read_android(path))
-
-
-@settings(max_examples=EXAMPLES)
-@given(flips=FLIPS, cut=CUT)
-@example(flips=[], cut=0.0)
-def test_sbf_log_cut_with_bytes_changed(path: Path, flips: list[tuple[float, int]], cut: float) -> None:
-    path.write_bytes(turned(b"".join(SBF_BLOCKS), flips, cut))
-    check_log(lambda: read_sbf(path))
+    check_result(lambda: read_android(path))
 
 
 @settings(max_examples=EXAMPLES)
@@ -205,7 +149,7 @@ def test_sbf_blocks_of_any_content_with_a_sound_check_sum(
     path.write_bytes(
         SBF_BLOCKS[1] + block(number, time(1.0) + body) + block(4027, whole[0]) + block(number, body)
     )
-    check_log(lambda: read_sbf(path))
+    check_result(lambda: read_sbf(path))
 
 
 @settings(max_examples=EXAMPLES)
@@ -239,7 +183,7 @@ def test_real_rinex_file_cut_or_with_bits_turned(data_root: Path, path: Path) ->
             for _ in range(int(rng.integers(0, 6))):
                 changed[int(rng.integers(len(changed)))] ^= 1 << int(rng.integers(8))
             path.write_bytes(changed)
-            check_log(lambda: ReceiverLog(read_rinex_obs([path])[0]))
+            check_result(lambda: ReceiverLog(read_rinex_obs([path])[0]))
 
 
 @pytest.mark.parametrize("cut", [0.3, 0.7, 0.999])

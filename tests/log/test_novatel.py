@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
-from insgnss.errors import InputError, InsGnssError
+from insgnss.errors import InputError
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
@@ -38,11 +37,10 @@ from tests.log.novatel_encoder import (
     rawephem,
     rawimus,
     rawimusx,
-    resealed,
     short,
 )
+from tests.log.sound import check_table
 from tests.log.test_convert import read_again, same
-from tests.log.test_fuzz_receivers import CUT, FLIPS, check_table, turned
 from tests.log.test_messages_lnav import PARAMS, SENT_NS, subframes
 from tests.log.test_messages_lnav import WEEK as LNAV_WEEK
 
@@ -332,22 +330,6 @@ def test_ascii_without_a_sound_check_sum_is_refused_by_name(tmp_path: Path) -> N
     )
     with pytest.raises(InputError, match="NovAtel ASCII"):
         detect_format(tmp_path / "log")
-
-
-@settings(max_examples=150)
-@given(flips=FLIPS, cut=CUT)
-def test_damage_behind_sound_check_sums(
-    tmp_path_factory: pytest.TempPathFactory, flips: list[tuple[float, int]], cut: float
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "novatel_fuzz"
-    path.write_bytes(resealed(turned(FUZZED, flips, cut)))
-    try:
-        log = read_novatel([path])
-    except InsGnssError:
-        return
-    if len(log.gnss.t_ns):
-        check_table(log.gnss)
-    assert log.imu is None or np.isfinite(log.imu.f_b).all()
 
 
 FUZZED = b"".join(

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 
-from insgnss.errors import InputError, InsGnssError
+from insgnss.errors import InputError
 from insgnss.gpstime import utc_to_ns
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
@@ -23,7 +22,6 @@ from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rosbag.reader import read_rosbag
 from tests.log.rtcm_encoder import Orbit, galileo_ephemeris, msm, station
 from tests.log.test_convert import read_again, same
-from tests.log.test_fuzz_receivers import CUT, FLIPS, turned
 from tests.log.test_rtcm import TOW_S, WEEK, gps_cells
 from tests.log.ubx_writing import rawx
 
@@ -426,18 +424,3 @@ def test_without_the_library_the_error_says_what_to_install(
 @pytest.fixture(scope="module")
 def small() -> bytes:
     return recorded("NONE", 2).data
-
-
-@settings(max_examples=100, deadline=None)
-@given(flips=FLIPS, cut=CUT)
-def test_whatever_is_damaged_ends_in_tables_or_an_error(
-    tmp_path_factory: pytest.TempPathFactory, small: bytes, flips: list[tuple[float, int]], cut: float
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "mcap_fuzz"
-    path.write_bytes(turned(small, flips, cut))
-    try:
-        log = read_rosbag(path)
-    except InsGnssError:
-        return
-    if log.imu is not None:
-        assert (np.diff(log.imu.t_ns) > 0).all() and np.isfinite(log.imu.f_b).all()

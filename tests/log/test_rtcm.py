@@ -13,11 +13,10 @@ import numpy as np
 import pymap3d
 import pyrtcm
 import pytest
-from hypothesis import given, settings
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
-from insgnss.errors import InputError, InsGnssError, TimeError
+from insgnss.errors import InputError, TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
@@ -35,11 +34,10 @@ from tests.log.rtcm_encoder import (
     gps_1004,
     gps_ephemeris,
     msm,
-    resealed,
     station,
 )
+from tests.log.sound import check_table
 from tests.log.test_convert import read_again, same
-from tests.log.test_fuzz_receivers import CUT, FLIPS, check_table, turned
 from tests.log.ubx_writing import frame
 
 C_MPS = 299_792_458.0
@@ -410,16 +408,3 @@ def test_date_is_an_option_of_the_command(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, asked)
     assert refused.exit_code == 3 and "--date" in refused.output
     assert CliRunner().invoke(app, [*asked, "--date", "2025-11-13"]).exit_code == 0
-
-
-@settings(max_examples=150)
-@given(flips=FLIPS, cut=CUT)
-def test_damage_behind_sound_check_sums(
-    tmp_path_factory: pytest.TempPathFactory, flips: list[tuple[float, int]], cut: float
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "rtcm_fuzz"
-    path.write_bytes(resealed(turned(STREAM, flips, cut)))
-    try:
-        check_table(read_rtcm([path]).gnss)
-    except InsGnssError:
-        return

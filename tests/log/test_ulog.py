@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from typer.testing import CliRunner
 
 import insgnss
 from insgnss.cli.main import app
-from insgnss.errors import ConfigError, InputError, InsGnssError
+from insgnss.errors import ConfigError, InputError
 from insgnss.gpstime import utc_to_ns
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
@@ -23,7 +22,6 @@ from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.log.ulog.reader import read_ulog
 from tests.log.test_convert import read_again, same
-from tests.log.test_fuzz_receivers import CUT, FLIPS, turned
 from tests.log.test_messages_lnav import subframes
 from tests.log.ubx_writing import rawx
 from tests.log.ulog_writer import COMBINED, DUMP, GPS, VEHICLE_IMU, Ulog, message, rows
@@ -387,22 +385,6 @@ def test_topics_of_the_command_are_named_by_their_parts(tmp_path: Path) -> None:
     asked = ["convert", str(tmp_path / "log"), "-o", str(tmp_path / "out"), "--topic"]
     refused = CliRunner().invoke(app, [*asked, "gyro=sensor_combined"])
     assert refused.exit_code == 2 and "imu, gnss, reference" in refused.output
-
-
-@settings(max_examples=100, deadline=None)
-@given(flips=FLIPS, cut=CUT)
-def test_whatever_is_damaged_ends_in_tables_or_an_error(
-    tmp_path_factory: pytest.TempPathFactory, flips: list[tuple[float, int]], cut: float
-) -> None:
-    pytest.importorskip("pyulog", reason="the extra 'ulog' is not installed")
-    path = tmp_path_factory.getbasetemp() / "ulog_fuzz"
-    path.write_bytes(turned(SMALL, flips, cut))
-    try:
-        log = read_ulog(path)
-    except InsGnssError:
-        return
-    if log.imu is not None:
-        assert (np.diff(log.imu.t_ns) > 0).all() and np.isfinite(log.imu.f_b).all()
 
 
 SMALL = flown(4).data
