@@ -85,6 +85,10 @@ class GnssTable:
     lli: Int8 | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)  # if the log states it: "R07" -> -7..6
 
+    def later(self, added_ns: int | Int64) -> GnssTable:
+        """Return the table with so much added to its tags: one number, or one for each row."""
+        return replace(self, t_ns=self.t_ns + added_ns)
+
     def take(self, rows: npt.NDArray[np.intp] | slice) -> GnssTable:
         """Return the given rows, in the given order, of a slice without copying; ``bad_cells`` follows its rows."""
         flagged = np.zeros(len(self.t_ns), np.bool_)

@@ -26,13 +26,8 @@ def signal_ratios(cn0_dbhz: npt.ArrayLike, integration_s: float) -> Float64:
     return np.asarray(ratios, np.float64).reshape(values.shape)
 
 
-def draw_correlators(
-    psi: npt.ArrayLike,
-    a: npt.ArrayLike,
-    rng: np.random.Generator,
-    common_phase: npt.ArrayLike | None = None,
-) -> Complex:
-    """Return one integration's prompt correlators, (..., M, N).
+def draw_correlators(psi: npt.ArrayLike, a: npt.ArrayLike, rng: np.random.Generator) -> Complex:
+    """Return one integration's prompt correlators, (..., M, N); the phase of the first antenna is any, uniform.
 
     Equation: z_mn = a exp(j (phi_n + psi_mn)) + noise, psi_1n = 0
 
@@ -40,14 +35,11 @@ def draw_correlators(
     ----------
     psi : (..., M - 1, N) phase differences [rad]
     a : (M, N) signal ratios, or one for all
-    common_phase : (..., N) phase of the first antenna [rad]; any, uniform, where left out
     """
     psi = np.asarray(psi, np.float64)
     first = np.zeros_like(psi[..., :1, :])
     phase = np.concatenate([first, psi], axis=-2)
-    if common_phase is None:
-        common_phase = rng.uniform(-np.pi, np.pi, first.shape[:-2] + first.shape[-1:])
-    phase = phase + np.asarray(common_phase, np.float64)[..., None, :]
+    phase = phase + rng.uniform(-np.pi, np.pi, first.shape)
     size = np.broadcast_to(np.asarray(a, np.float64), phase.shape)
     noise = rng.standard_normal((*phase.shape, 2))
     return np.asarray(size * np.exp(1j * phase) + np.sqrt(size) * (noise[..., 0] + 1j * noise[..., 1]))

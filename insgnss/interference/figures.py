@@ -78,10 +78,9 @@ def diagram_figure(loops: Mapping[str, PhaseLoop], carrier_hz: float) -> Figure:
     return figure
 
 
-def trade_off_figure(loop: PhaseLoop, carrier_hz: float, margins_db: Sequence[float] | None = None) -> Figure:
+def trade_off_figure(loop: PhaseLoop, carrier_hz: float) -> Figure:
     """Return figure 5 (type 1) or 6 (type 2): below its line, every pair of sensors allows the margin."""
-    if margins_db is None:
-        margins_db = TYPE_1_MARGINS_DB if loop.discriminator.type == 1 else TYPE_2_MARGINS_DB
+    margins_db = TYPE_1_MARGINS_DB if loop.discriminator.type == 1 else TYPE_2_MARGINS_DB
     figure = new_figure(8.0, 5.5)
     axes = figure.add_subplot()
     for colour, margin in zip(PAPER_COLOURS, margins_db, strict=False):

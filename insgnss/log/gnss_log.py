@@ -130,7 +130,7 @@ def _read_format(config: Gnss, week: int, shared: FileColumns) -> ReceiverLog:
             advice=next((event.detail for event in events if event.kind == MEASUREMENTS_NOT_READ), advice),
         )
     shift_ns = round(config.time.offset_s * NS_PER_S)
-    return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)
+    return replace(log, gnss=log.gnss.later(shift_ns), events=events)
 
 
 def read_base(config: Base, week: int, shared: FileColumns = NOTHING_SHARED) -> ReceiverLog:

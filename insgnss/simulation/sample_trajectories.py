@@ -91,30 +91,25 @@ def sample_flight_course() -> ManoeuvreSequence:
     return course.change_speed(0.0, 45.0).hold_until(1200.0)
 
 
-def level_turns(
-    place: tuple[float, float, float] = AIRFIELD, heading_deg: float = 10.0, *, knot_s: float = KNOT_S
-) -> Trajectory:
-    """Return the 20-minute flight of ``sample_flight_course`` from a place (latitude, longitude [deg], height [m])."""
-    return sample_flight_course().lay(*place, heading_deg, knot_s=knot_s)
+def level_turns() -> Trajectory:
+    """Return the 20-minute flight of ``sample_flight_course`` from the airfield."""
+    return sample_flight_course().lay(*AIRFIELD, 10.0)
 
 
 def airborne_turns(
     duration_s: float = 120.0,
     place: tuple[float, float, float] = (AIRFIELD[0], AIRFIELD[1], 1500.0),
-    heading_deg: float = 10.0,
     *,
-    speed_mps: float = 100.0,
     bank_deg: float = 35.0,
-    knot_s: float = KNOT_S,
 ) -> Trajectory:
-    """Return an aircraft already flying: 10 s straight, then right and left turns by 120 deg with legs between."""
-    course = ManoeuvreSequence(speed_mps).hold(10.0)
+    """Return an aircraft that flies at 100 m/s: 10 s straight, then right and left turns by 120 deg, legs between."""
+    course = ManoeuvreSequence(100.0).hold(10.0)
     side = 1.0
     while course.clock_s < duration_s:
         course.turn(120.0 * side, bank_deg).hold(10.0)
         side = -side
     course.clock_s = duration_s
-    return course.lay(*place, heading_deg, knot_s=knot_s)
+    return course.lay(*place, 10.0)
 
 
 def car(
@@ -137,10 +132,9 @@ def car(
     return course.lay(*place, heading_deg, knot_s=knot_s)
 
 
-def over_the_pole(
-    duration_s: float = 600.0, *, speed_mps: float = 250.0, h_m: float = 10_000.0, knot_s: float = KNOT_S
-) -> Trajectory:
+def over_the_pole(duration_s: float = 600.0) -> Trajectory:
     """Return a straight flight along a meridian that passes the north pole half-way and goes on down the other side."""
+    speed_mps, h_m = 250.0, 10_000.0
     away_rad = 0.5 * duration_s * speed_mps / (WGS84_POLAR_RADIUS_M + h_m)
     course = ManoeuvreSequence(speed_mps).hold(duration_s)
-    return course.lay(90.0 - rad_to_deg(away_rad), 30.0, h_m, 0.0, knot_s=knot_s)
+    return course.lay(90.0 - rad_to_deg(away_rad), 30.0, h_m, 0.0)

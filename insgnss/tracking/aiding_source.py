@@ -118,18 +118,15 @@ def source_from_doppler(
     )
 
 
-def aid_from(
-    sources: Sequence[Sequence[AidingSource]], count: int, step_s: float, begin_s: float = 0.0
-) -> Aid:
+def aid_from(sources: Sequence[Sequence[AidingSource]], count: int, step_s: float) -> Aid:
     """Return the loops' aiding: for each channel the sum of its sources at the borders of the integrations.
 
     Parameters
     ----------
     sources : of each channel; none at all is allowed
-    count, step_s : number and length of the integrations
-    begin_s : time of the first border, in the sources' time
+    count, step_s : number and length of the integrations, the first of which begins at 0 s of the sources' time
     """
-    t = begin_s + step_s * np.arange(count + 1)
+    t = step_s * np.arange(count + 1)
     rate = np.zeros((count + 1, len(sources)))
     for c, own in enumerate(sources):
         for source in own:

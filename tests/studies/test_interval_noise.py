@@ -65,7 +65,7 @@ def fading() -> tuple[Float64, Float64]:
     """
     both = np.zeros((6, 6))
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / MOTION.time_s]])
-    both[:3, :3], both[3:, 3:], both[2, 5] = -A, A.T, 2.0 * MOTION.sigma_mps2**2 / MOTION.time_s
+    both[:3, :3], both[3:, 3:], both[2, 5] = -A, A.T, 2.0 * MOTION.sigma**2 / MOTION.time_s
     exponential = linalg.expm(both * T)
     F = exponential[3:, 3:].T
     return F, F @ exponential[:3, 3:]

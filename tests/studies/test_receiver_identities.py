@@ -62,7 +62,7 @@ def kalman_loop(receiver: ReceiverDesign, drift_density: float) -> ReceiverDesig
     Equation: F = [1 T T^2/2; 0 1 T; 0 0 exp(-T / tau)], W = F Q/2 F^T + Q/2, Q = diag(0, S, 2 sigma^2 / tau) T
     """
     F = np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, np.exp(-T / UNKNOWN.time_s)]])
-    Q = T * np.diag([0.0, drift_density, 2.0 * UNKNOWN.sigma_mps2**2 / UNKNOWN.time_s])
+    Q = T * np.diag([0.0, drift_density, 2.0 * UNKNOWN.sigma**2 / UNKNOWN.time_s])
     return receiver._replace(F=F, walk=np.ascontiguousarray(0.5 * (F @ Q @ F.T + Q)))
 
 

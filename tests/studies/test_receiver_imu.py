@@ -73,11 +73,11 @@ def test_channels_with_filters_of_their_own_know_of_a_gap_and_hold_their_phases(
 def test_noise_of_a_gap_grows_as_the_change_of_a_gauss_markov_process_since_the_sample_that_is_held() -> None:
     unknown, step_s, runs = UnknownMotion(3.0, 0.8), 0.01, 4000
     rng, decay = np.random.default_rng(45), math.exp(-step_s / unknown.time_s)
-    value = unknown.sigma_mps2 * rng.standard_normal(runs)
+    value = unknown.sigma * rng.standard_normal(runs)
     held, change = value.copy(), np.zeros(runs)
     for _ in range(200):
         before = value
-        value = decay * value + unknown.sigma_mps2 * math.sqrt(1.0 - decay**2) * rng.standard_normal(runs)
+        value = decay * value + unknown.sigma * math.sqrt(1.0 - decay**2) * rng.standard_normal(runs)
         change += step_s * (0.5 * (before + value) - held)
     middles = step_s * (np.arange(200) + 0.5)
 

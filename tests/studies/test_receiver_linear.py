@@ -60,7 +60,7 @@ def test_figure_draws_runs_as_dots_and_the_theory_as_lines() -> None:
 
 def test_thresholds_without_ins_are_those_of_the_steady_models() -> None:
     of = scene(with_ins=False)
-    unknown = UnknownAcceleration(of.setting.unknown.sigma_mps2, of.setting.unknown.time_s)
+    unknown = UnknownAcceleration(of.setting.unknown.sigma, of.setting.unknown.time_s)
     scalar, one = (LinearTheory.of(of, VARIANTS[name]) for name in ("scalar", "one_stage"))
 
     channel = phase_threshold(channel_model(unknown, 100.0, 1.6e9), scalar.loop)

@@ -7,11 +7,9 @@ beside place and clock it is one more unknown of a fix, with six satellites a te
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
@@ -127,7 +125,8 @@ def _rows(
 ) -> tuple[Float64, Float64]:
     """Return (m, n, 4 + systems) derivatives and (m, n) residuals; zero where a satellite has no message."""
     row = problems.row
-    table = _tagged(sample, row.ravel(), np.repeat(np.rint(state.shift_s * NS_PER_S), row.shape[1]))
+    added_ns = np.rint(state.shift_s * NS_PER_S).astype(np.int64)
+    table = sample.take(row.ravel()).later(np.repeat(added_ns, row.shape[1]))
     states = satellite_states(table, messages)
     sat, v_e = (a.reshape(*row.shape, 3) for a in (states.position, states.velocity))
     clock_m = states.clock_m.reshape(row.shape)
@@ -144,9 +143,3 @@ def _rows(
     np.put_along_axis(H, 4 + problems.system[:, :, None], 1.0, axis=2)
     H[~used] = 0.0
     return H, np.where(used, left_m, 0.0)
-
-
-def _tagged(sample: GnssTable, rows: npt.NDArray[np.int64], added_ns: Float64) -> GnssTable:
-    """Return rows of a log with so much added to each tag."""
-    table = sample.take(rows)
-    return replace(table, t_ns=table.t_ns + added_ns.astype(np.int64))

@@ -6,7 +6,6 @@ each other, or where no message serves; so do tags that are off by a tenth of a 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -134,7 +133,7 @@ def _fitting(solve: Solve, sample: GnssTable, navigation: NavigationData) -> lis
     for group in groups:
         shifts = []
         for shift in group:
-            shifted = replace(sample, t_ns=sample.t_ns + shift.seconds(leap) * NS_PER_S)
+            shifted = sample.later(shift.seconds(leap) * NS_PER_S)
             fits = solved_share(solve, shifted, tested=True) >= AGREEING
             if fits and not is_refuted(solve, shifted, 0.0):
                 shifts.append(shift)

@@ -10,7 +10,6 @@ since range rates change by less than 0.2 m/s in a second.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -54,7 +53,8 @@ def shift_by_ranges(
         found = TagShift(found.shift_s + parabola.shift_s, parabola.sd_s)
     if not _is_significant(found):
         return None
-    return found if solved_share(solve, _later(sample, found.shift_s), tested=False) >= agreeing else None
+    tagged = sample.later(round(found.shift_s * NS_PER_S))
+    return found if solved_share(solve, tagged, tested=False) >= agreeing else None
 
 
 def is_refuted(solve: Solve, sample: GnssTable, shift_s: float) -> bool:
@@ -73,14 +73,10 @@ def _is_significant(shift: TagShift) -> bool:
     return abs(shift.shift_s) > max(SIGNIFICANT_SIGMAS * shift.sd_s, SMALLEST_S)
 
 
-def _later(sample: GnssTable, seconds: float) -> GnssTable:
-    return replace(sample, t_ns=sample.t_ns + round(seconds * NS_PER_S))
-
-
 def _chi_square(solve: Solve, sample: GnssTable, seconds: float) -> tuple[Float64, Int64] | None:
     """Return each epoch's chi-square of all its ranges and their redundancy, with so much added to the tags."""
     try:
-        track = solve(_later(sample, seconds))
+        track = solve(sample.later(round(seconds * NS_PER_S)))
     except InsGnssError:
         return None
     return None if track is None else (track.range_chi2, track.range_freedom)

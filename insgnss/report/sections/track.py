@@ -21,9 +21,9 @@ _FROM_KM: Final = 5000.0  # m across, from which the axes are in kilometres
 _TILE_CORNERS: Final = 500  # points of the track over tiles
 
 
-def east_north(nav: pd.DataFrame, origin: pd.Series | None = None) -> tuple[Float64, Float64]:
-    """Return metres east and north of the first row, or of ``origin`` (lat_deg, lon_deg, h_m), on the plane there."""
-    first = nav.iloc[0] if origin is None else origin
+def east_north(nav: pd.DataFrame) -> tuple[Float64, Float64]:
+    """Return metres east and north of the first row, on the plane there."""
+    first = nav.iloc[0]
     at = (first["lat_deg"], first["lon_deg"], first["h_m"])
     here = (nav[name].to_numpy() for name in PLACE)
     east, north, _ = pymap3d.geodetic2enu(*here, *at)

@@ -34,22 +34,22 @@ _ROUNDING: Final = 1e-9  # of an integration
 
 @dataclass(frozen=True)
 class UnknownMotion:
-    """The acceleration of a vehicle without INS, on each axis: a Gauss-Markov process."""
+    """The acceleration, or the angular rate, that no INS measures, on each axis: a Gauss-Markov process."""
 
-    sigma_mps2: float = 49.03
+    sigma: float = 49.03  # [m/s^2], [rad/s] of a rate
     time_s: float = 1.0 / 0.3
 
     @property
     def density(self) -> float:
-        """Return the density of the white acceleration that moves as far in the end [m^2/s^3]."""
-        return 2.0 * self.sigma_mps2**2 * self.time_s
+        """Return the density of the white noise that moves as far in the end [m^2/s^3], [rad^2/s]."""
+        return 2.0 * self.sigma**2 * self.time_s
 
     def density_since(self, held_s: Float64) -> Float64:
-        """Return the density of white noise that grows as the change since a sample was held does [m^2/s^3].
+        """Return the density of white noise that grows as the change since a sample was held does, as ``density``.
 
         Equation: q(t) = 2 sigma^2 t (1 - exp(-t / tau))
         """
-        return np.asarray(-2.0 * self.sigma_mps2**2 * held_s * np.expm1(-held_s / self.time_s))
+        return np.asarray(-2.0 * self.sigma**2 * held_s * np.expm1(-held_s / self.time_s))
 
 
 def with_gaps(

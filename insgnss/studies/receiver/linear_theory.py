@@ -142,7 +142,7 @@ def _models(
 ) -> tuple[PhaseModel | None, ManoeuvringReceiver | None]:
     """Return the steady model of a receiver, or its covariance along the motion; neither where the sky is too poor."""
     setting = scene.setting
-    unknown = UnknownAcceleration(setting.unknown.sigma_mps2, setting.unknown.time_s)
+    unknown = UnknownAcceleration(setting.unknown.sigma, setting.unknown.time_s)
     density, carrier = setting.drift_density, setting.options.carrier_hz
     try:
         if variant.kind == INTERVAL_MESSAGE and setting.inertial is None:

@@ -44,7 +44,7 @@ def antenna_settings(antennas: Installation | None) -> list[dict[str, Any]] | No
                 "lever_arm_m": antennas.lever_b[k].tolist(),
                 "body_to_antenna": antennas.C_ab[k].tolist(),
                 "is_obstructed": bool(antennas.is_obstructed[k]),
-                "clearance_deg": _runs_of(antennas.clearance_deg[k]),
+                "clearance_deg": _run_lengths(antennas.clearance_deg[k]),
                 "gain_dbic": gain.tolist(),
             }
         )
@@ -67,7 +67,7 @@ def antennas_of(described: Sequence[Mapping[str, Any]] | None) -> Installation |
         ),
         np.array([antenna["body_to_antenna"] for antenna in described], np.float64).reshape(-1, 3, 3),
         np.array([antenna["lever_arm_m"] for antenna in described], np.float64).reshape(-1, 3),
-        np.array([_cells_of(antenna["clearance_deg"]) for antenna in described], np.int8).reshape(
+        np.array([_raster(antenna["clearance_deg"]) for antenna in described], np.int8).reshape(
             -1, N_ELEVATIONS, N_AZIMUTHS
         ),
         np.array([antenna["is_obstructed"] for antenna in described], np.bool_),
@@ -131,7 +131,7 @@ def _options(saved: Mapping[str, Any]) -> ReceiverOptions:
     )
 
 
-def _runs_of(cells: Int8) -> list[list[int]]:
+def _run_lengths(cells: Int8) -> list[list[int]]:
     """Return a raster as pairs of a value and how many cells in a row have it."""
     flat = cells.ravel()
     begins = np.flatnonzero(np.diff(flat, prepend=flat[:1] - 1))
@@ -139,7 +139,7 @@ def _runs_of(cells: Int8) -> list[list[int]]:
     return [[int(value), int(length)] for value, length in zip(flat[begins], lengths, strict=True)]
 
 
-def _cells_of(runs: Sequence[Sequence[int]]) -> Int8:
-    """Return the raster of ``_runs_of``."""
+def _raster(runs: Sequence[Sequence[int]]) -> Int8:
+    """Return the raster of ``_run_lengths``."""
     values, lengths = np.array(runs, np.int64).T
     return np.repeat(values, lengths).astype(np.int8).reshape(N_ELEVATIONS, N_AZIMUTHS)

@@ -196,7 +196,7 @@ def without_ins(unknown: UnknownMotion) -> ImuGrade:
         gyro_correlation_time_s=1e6,
         gyro_arw_deg_per_sqrt_h=0.0,
         accel_bias_mg=0.0,
-        accel_bias_instability_mg=unknown.sigma_mps2 / mg_to_mps2(1.0),
+        accel_bias_instability_mg=unknown.sigma / mg_to_mps2(1.0),
         accel_correlation_time_s=unknown.time_s,
         accel_vrw_mps_per_sqrt_h=0.0,
     )
@@ -379,7 +379,7 @@ def receiver_of(
     of_clock[1, 1] = drift_density
     if unknown is not None:
         A[2, 2] = -1.0 / unknown.time_s
-        of_motion[2, 2] = 2.0 * unknown.sigma_mps2**2 / unknown.time_s
+        of_motion[2, 2] = 2.0 * unknown.sigma**2 / unknown.time_s
     F, walk = discretised(A, variant.widening * of_clock + of_motion, step_s)
     disturbing = (of_clock,) if unknown is None else (of_clock, of_motion)
     return ReceiverDesign(
