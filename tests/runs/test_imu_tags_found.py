@@ -34,7 +34,7 @@ def late(by_s: float = LATE_S, seed: int = 23) -> FlightInMemory:
 def found_s(run: Run) -> float:
     """Return when the offset became a state [s]."""
     found = run.events[run.events["kind"] == "time_tag_suspect"]
-    (at_s,) = found.loc[found["detail"].str.contains("with the offset as a state"), "time_s"]
+    (at_s,) = found.loc[found["detail"].str.contains("recomputed with the offset"), "time_s"]
     return float(at_s)
 
 

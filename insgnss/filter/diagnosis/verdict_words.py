@@ -41,29 +41,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         detail = f"{names}: code and Doppler drift away from those of all others; left out, the last minute recomputed"
         return Event(t_ns, "satellite_suspect", detail)
     if verdict.suspect in TAGS:
-        tags, others = ("inertial", "GNSS") if verdict.suspect == IMU_TAGS else ("GNSS", "inertial")
-        size = abs(verdict.size)
-        signs = (
-            ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
-        )
-        rates = ""
-        if verdict.size < 0.0:  # inertial tags early, GNSS tags late
-            rates = (
-                f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
-            )
-        sigmas = "the sigmas do not include it"
-        if verdict.setup is not None:
-            sigmas = (
-                "the last minute is recomputed with the offset as a state (process.imu_time_sigma_s = 0.1 makes it one"
-                " from the start)"
-            )
-        along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
-        detail = (
-            f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
-            f" follow the motion; {sigmas}. A lever arm error of"
-            f" {along_m:.1f} m along the direction of motion would look the same{rates}"
-        )
-        return Event(t_ns, "time_tag_suspect", detail)
+        return Event(t_ns, "time_tag_suspect", _of_tags(verdict))
     if verdict.suspect == LATE_RATES:
         late_s = float(verdict.bank.state[0].rates_late_s)
         detail = (
@@ -115,6 +93,25 @@ def creeping_in_words(t_ns: int, satellites: tuple[int, ...]) -> Event:
 
 def _names(satellites: tuple[int, ...]) -> str:
     return ", ".join(sorted(satellite_name(slot) for slot in satellites))
+
+
+def _of_tags(verdict: Verdict) -> str:
+    tags, others = ("inertial", "GNSS") if verdict.suspect == IMU_TAGS else ("GNSS", "inertial")
+    size = abs(verdict.size)
+    signs = ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
+    rates = ""
+    if verdict.size < 0.0:  # inertial tags early, GNSS tags late
+        rates = f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
+    sigmas = "the sigmas do not include it"
+    if verdict.setup is not None:
+        states = "the offset as a state" if verdict.size > 0.0 else "the offset and that lag as states"
+        sigmas = f"the last minute is recomputed with {states} (process.imu_time_sigma_s = 0.1: the offset from the start)"
+    along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
+    return (
+        f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
+        f" follow the motion; {sigmas}. A lever arm error of"
+        f" {along_m:.1f} m along the direction of motion would look the same{rates}"
+    )
 
 
 def _of_sensor(was: Bank, verdict: Verdict) -> str:
