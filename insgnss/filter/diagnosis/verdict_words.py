@@ -104,8 +104,12 @@ def _of_tags(verdict: Verdict) -> str:
         rates = f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
     sigmas = "the sigmas do not include it"
     if verdict.setup is not None:
-        states = "the offset as a state" if verdict.size > 0.0 else "the offset and that lag as states"
-        sigmas = f"the last minute is recomputed with {states} (process.imu_time_sigma_s = 0.1: the offset from the start)"
+        states = (
+            "the offset as a state"
+            if verdict.size > 0.0
+            else "the offset and a lag of the range rates as states"
+        )
+        sigmas = f"the last minute is recomputed with {states} (process.imu_time_sigma_s: the offset from the start)"
     along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
     return (
         f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
