@@ -259,8 +259,8 @@ class HealthConfig(StrictModel):
     )
     recovery: bool = Field(
         True,
-        description="allow resets, and let another start replace a given one; false: neither, unless the satellites"
-        " would not be visible from that start",
+        description="allow resets, reruns of the last minute in search of a fault, and another start in place of a"
+        " given one; false: none of these, unless the satellites would not be visible from that start",
     )
     suspicion_sigma: NotNegative = Field(
         4.5,

@@ -130,7 +130,7 @@ class Navigator:
         self._use(self.health.setup)
 
     def _use(self, setup: FilterSetup) -> None:
-        """Have the states of another setup."""
+        """Switch to another setup: its states, numbers and work space."""
         if setup is not self.setup:
             self.setup, self.parameters, self._work = setup, setup.parameters(), None
 

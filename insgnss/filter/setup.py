@@ -84,7 +84,7 @@ class FilterSetup:
         return self.layout.at(IMU_TIME) < 0 and self.layout.n_optional + 2 <= MAX_OPTIONAL
 
     def with_imu_time(self, *, early: bool) -> FilterSetup:
-        """Return the setup of a filter that estimates the offset of the IMU's time tags too, unseen in ``nav``.
+        """Return the setup of a filter that also estimates the offset of the IMU's time tags, unseen in ``nav``.
 
         Tags that look ``early`` may be range rates that lag: then their lag is a state as well.
         """
@@ -258,7 +258,15 @@ def _refuse_states(states: Any) -> None:
     if not isinstance(states, Sequence) or not all(isinstance(block, StateBlock) for block in states):
         advice = "give a list of insgnss.StateBlock(...)"
         raise ConfigError(f"{states!r} is not a list of state blocks", key="states", advice=advice)
+    own = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG)  # which a filter may add in the middle of a log
+    taken = {name for block in own for name in (block.name, *block.columns)}
     for block in states:
+        if not taken.isdisjoint((block.name, *block.columns)):
+            raise ConfigError(
+                f"the state block {block.name!r} has a name of the filter's own states",
+                key="states",
+                advice=f"avoid the names {', '.join(sorted(taken))}",
+            )
         for column in block.columns:
             if not {column, f"sd_{column}"}.isdisjoint((*_OF_EVERY_ROW, *_ON_REQUEST)):
                 raise ConfigError(

@@ -115,7 +115,7 @@ def run_blocks(
         further.room(n_nav)
     passage = _Passage(blocks, out)
     events: list[Event] = list(samples.events)
-    started, latest = False, setup  # the one that a restart may have changed
+    started, latest = False, setup  # the one that a look back may have changed
     carried: CarriedState | None = None
     own_by_time: dict[int, list[OwnEntry]] = {}
     spans_ns: list[tuple[int, int]] = []

@@ -178,7 +178,7 @@ class MatchedFlight(ResultDisplay):
             done = look + 1
             assert navigator.bank is not None
             errors.append(error_state(navigator.bank.state[0], log, look))
-            covariances.append(navigator.bank.P[0].copy())
+            covariances.append(navigator.bank.P[0, :N_STATES, :N_STATES].copy())  # it may get further states
         error, P = np.array(errors), np.array(covariances)
         ledger = out.ledger[rows.first[1] :]
         used = ledger["status"] == USED

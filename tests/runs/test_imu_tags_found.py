@@ -12,12 +12,19 @@ import pytest
 
 import insgnss
 from insgnss.config.library import filter_config
+from insgnss.errors import ConfigError
 from insgnss.filter.engine import FilterEngine
+from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.layout import StateBlock
-from insgnss.filter.state import MAX_OPTIONAL
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import new_output
+from insgnss.filter.state import MAX_OPTIONAL, OFFSETS
+from insgnss.filter.states.imu_time import IMU_TIME
+from insgnss.filter.states.rate_lag import RATE_LAG
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
+from insgnss.studies.outage.study import outage_study
 from tests.filter.test_engine import assert_same_bits, no_delay, stream
 from tests.runs.scenes import START_S, flight, kinds, turns, without_samples
 from tests.runs.test_imu_time import PLAIN, with_late_imu
@@ -103,3 +110,59 @@ def test_offset_that_is_a_state_already_or_finds_no_room_does_not_become_one() -
     room = MAX_OPTIONAL - setup.layout.n_optional
     full = StateBlock("many", tuple(f"x_{i}" for i in range(room)), "m", 1.0)
     assert not setup.with_further([full]).may_estimate_imu_time
+
+
+def late_rates(flown: FlightInMemory, by_s: float) -> FlightInMemory:
+    """Return a flight whose range rates are of the time ``by_s`` before their tags, linear between the epochs."""
+    gnss = flown.logs.gnss
+    t_s, rates, doppler = gnss.t_ns * 1e-9, gnss.range_rate_mps.copy(), gnss.doppler_hz.copy()
+    for sv in np.unique(gnss.sv):
+        own = np.flatnonzero(gnss.sv == sv)
+        for values in (rates, doppler):
+            values[own] = np.interp(t_s[own] - by_s, t_s[own], values[own])
+    gnss = replace(gnss, range_rate_mps=rates, doppler_hz=doppler)
+    return replace(flown, logs=replace(flown.logs, gnss=gnss))
+
+
+@pytest.mark.parametrize("tags_s, lag_s", [(-0.08, 0.0), (0.0, 0.08)])
+def test_pseudoranges_say_whether_tags_are_early_or_range_rates_late(tags_s: float, lag_s: float) -> None:
+    """Both look the same in the range rates, so the filter begins with both as states."""
+    flown = late_rates(with_late_imu(flight(turns(180.0), seed=29), tags_s), lag_s)
+    setup = setup_filter(flown, flown.logs, filter_config("tight17", {"measurements.carrier": False}))
+    rows = setup.rows(flown.logs.gnss, setup.navigation)
+    ((imu, _),) = screened(flown.logs.imu, setup).stretches()
+    navigator = Navigator(setup)
+    first, last = np.searchsorted(rows.epoch_ns, [imu.t_ns[0], imu.t_ns[-1] + 1]).tolist()
+    out = new_output(rows, last, 64, np.zeros(0, np.int64), setup.layout.n_shown)
+    navigator.run(imu, rows, first, last, out)
+    bank, layout = navigator.bank, navigator.setup.layout
+    assert bank is not None
+    at = [layout.at(IMU_TIME), layout.at(RATE_LAG)]
+    assert min(at) >= 0
+    found = bank.state[0]["optional"][np.array(at) - OFFSETS]
+    found[1] += bank.state[0].rates_late_s  # a lag that was found first is beside the state
+    sigma = np.sqrt(np.diag(bank.P[0])[at])
+    assert sigma.max() < 0.015
+    assert np.abs((found - np.array([-tags_s, lag_s])) / sigma).max() < 4.0
+
+
+def test_covariance_of_every_row_is_that_of_its_sigmas_while_the_states_change() -> None:
+    """The row of the epoch at which they do had none: its work space was another one by then."""
+    run = insgnss.replay(late(), covariance=True)
+    sd2 = run.nav["sd_n_m"].pow(2) - run.nav["sd_slow_n_m"].pow(2)
+    np.testing.assert_allclose(run.nav["cov_n_n_m2"], sd2, rtol=1e-6)
+
+
+def test_outage_begins_from_a_filter_with_further_states() -> None:
+    flown = late()
+    from_s = found_s(insgnss.replay(flown)) + 40.0
+    study = outage_study(flown, [(from_s, from_s + 10.0)])
+    assert len(study.windows) == 1
+
+
+def test_names_of_the_states_that_a_filter_may_add_are_refused() -> None:
+    flown = late()
+    setup = setup_filter(flown, flown.logs, filter_config("tight17"))
+    for name, column in (("range_rate_lag", "x"), ("x", "imu_time_offset_s")):
+        with pytest.raises(ConfigError, match="name of the filter's own states"):
+            setup.with_further([StateBlock(name, (column,), "s", 1.0)])

@@ -12,6 +12,7 @@ from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict, log_likelihoo
 from insgnss.filter.diagnosis.supposed_faults import LATE_RATES, SURE
 from insgnss.filter.rows.late_rates import set_lag
 from insgnss.filter.state import Bank, copy_bank
+from insgnss.filter.states.rate_lag import RATE_LAG
 
 _SHORTEST_LAG_S: Final = 0.02  # noise alone estimates some milliseconds
 _LATE_S: Final = (0.03, 0.1, 0.3, 1.0)
@@ -22,8 +23,10 @@ _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: th
 def late_rates(again: Hindsight) -> Iterator[Verdict]:
     """Yield the results for range rates that lag by some times since the likeliest onset.
 
-    A known lag is tried too, and none. The likelihoods are means over the onsets.
+    A known lag is tried too, and none. The likelihoods are means over the onsets. A lag that is a state needs no trial.
     """
+    if again.setup.layout.at(RATE_LAG) >= 0:
+        return
     known_s = float(again.before[-1].state[0].rates_late_s)
     coarse_s = (0.0, known_s) if known_s else ()
     onsets = again.before[:-1:2]

@@ -18,8 +18,8 @@ from insgnss.inertial.sensor_model import sensor_model
 def with_offset_state(tags: Verdict, again: Hindsight) -> Verdict:
     """Return a verdict on inertial tags with the filter that estimates their offset, at the last epoch.
 
-    What the tags had done to attitude and biases by a minute ago counts as unknown, as after a reset. Where the filter
-    comes to nothing, or has no room for the state, the verdict stays.
+    The wrong tags have spoilt attitude and biases: these begin uncertain, as after a reset. If the rerun fails, or the
+    filter has no room for the state, the verdict is returned as it is.
     """
     if not again.setup.may_estimate_imu_time:
         return tags

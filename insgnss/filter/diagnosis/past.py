@@ -115,17 +115,17 @@ class FilterHistory:
             return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
-    def after_verdict(self, tags_off: str = "", renewed: bool = True) -> FilterHistory:
-        """Return the past once something has been found, ``tags_off`` of time tags which.
+    def after_verdict(self, tags_off: str = "") -> FilterHistory:
+        """Return the past once something has been found; what was before a new filter is of no use to it.
 
-        What was before a ``renewed`` filter is of no use to it.
+        ``tags_off``: which time tags were found to be off, where that leaves the filter as it is.
         """
-        past = replace(self, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
-        if renewed:
-            past = FilterHistory(
+        if not tags_off:
+            return FilterHistory(
                 judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns, tags_off=self.tags_off
             )
-        return replace(past, tags_off_ns=self.judged_ns, tags_off=tags_off) if tags_off else past
+        found = replace(self, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
+        return replace(found, tags_off_ns=self.judged_ns, tags_off=tags_off)
 
     def forgotten(self) -> FilterHistory:
         """Return an empty past."""

@@ -274,10 +274,8 @@ def judge(
             return None, replace(past, in_vain=past.in_vain + 1)
         if chosen.suspect == IMU_TAGS:
             verdict = with_offset_state(verdict, again)
-        tags = chosen.suspect in TAGS
-        return verdict, past.after_verdict(
-            chosen.suspect if tags else "", not tags or verdict.setup is not None
-        )
+        as_it_was = chosen.suspect in TAGS and verdict.setup is None
+        return verdict, past.after_verdict(chosen.suspect if as_it_was else "")
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past

@@ -100,7 +100,7 @@ def _of_tags(verdict: Verdict) -> str:
     size = abs(verdict.size)
     signs = ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
     rates = ""
-    if verdict.size < 0.0:  # inertial tags early, GNSS tags late
+    if verdict.size < 0.0 and verdict.setup is None:  # inertial tags early, GNSS tags late
         rates = f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
     sigmas = "the sigmas do not include it"
     if verdict.setup is not None:
@@ -109,7 +109,7 @@ def _of_tags(verdict: Verdict) -> str:
             if verdict.size > 0.0
             else "the offset and a lag of the range rates as states"
         )
-        sigmas = f"the last minute is recomputed with {states} (process.imu_time_sigma_s: the offset from the start)"
+        sigmas = f"the last minute is recomputed with {states} (from the start: process.imu_time_sigma_s)"
     along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
     return (
         f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"

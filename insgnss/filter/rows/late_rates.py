@@ -71,16 +71,16 @@ def late_rate(m: StateRecord, a: AntennaState, rows: GnssRows, i: int) -> tuple[
 def rate_lag_column(
     m: StateRecord, par: Parameters, rows: GnssRows, i: int, a: AntennaState, line: Line, count: int
 ) -> tuple[float, int]:
-    """Write what a range rate grows by with a lag that is a state, at ``count``; return what that is, and the end.
+    """Write the derivative of a range rate by a lag that is a state at ``count``; return the lag's effect and the end.
 
-    The acceleration is the one that counts as motion, as for the offset of the inertial tags.
+    The derivative has the acceleration that counts as motion, as that by the offset of the inertial tags.
     """
     if par.at_rate_lag < 0:
         return 0.0, count
-    grows = dot(a.u, a.shown_a_e) - satellites_part(a, rows, i)
-    line.h[RANGE_RATE][count] = grows
+    own = satellites_part(a, rows, i)
+    line.h[RANGE_RATE][count] = dot(a.u, a.shown_a_e) - own
     line.columns[RANGE_RATE][count] = par.at_rate_lag
-    return grows * m.optional[par.at_rate_lag - OFFSETS], count + 1
+    return m.optional[par.at_rate_lag - OFFSETS] * (dot(a.u, a.whole_a_e) - own), count + 1
 
 
 @kernel(inline=True)

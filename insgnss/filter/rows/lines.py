@@ -60,6 +60,7 @@ class AntennaState(Record):
         Float64, 3
     ]  # velocity and acceleration of the antenna that count as motion, where the
     shown_a_e: Annotated[Float64, 3]  # IMU's time is estimated, ECEF
+    whole_a_e: Annotated[Float64, 3]  # its acceleration, noise and all
     swing: Annotated[Float64, 3, 3]  # scratch of ``lever_swing``
     C_ne: Annotated[Float64, 3, 3]
     u: Annotated[Float64, 3]  # line of sight

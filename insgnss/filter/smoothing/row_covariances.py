@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.filter.loop import newest_sample, run_to
 from insgnss.filter.navigator import Navigator
@@ -44,6 +46,7 @@ class RowCovariances:
     imu: ImuSamples
     further: PointColumnValues
     _before: Bank | None = None  # the filter at the last epoch, or where it used own rows since
+    _parameters: npt.NDArray[Any] = field(init=False)  # its numbers
     _written: int = 0  # navigation rows up to then
 
     def forward(self, rows: GnssRows, first: int, last: int, out: Output) -> None:
@@ -54,12 +57,13 @@ class RowCovariances:
     def run(self, rows: GnssRows, out: Output) -> None:
         """Process an epoch as ``Navigator.run`` does, and fill what belongs to the rows that it writes."""
         navigator = self.navigator
+        work = navigator.workspace(rows)  # a filter that gets further states has another one then
         with self._by_way_of_own_rows(out):
             navigator.run(self.imu, rows, 0, 1, out)
         first, last = self._written, int(out.counts[0].nav)
         if last > first and out.nav["t_ns"][last - 1] == rows.epoch_ns[0]:
             last -= 1
-            self._write(slice(last, last + 1), navigator.workspace(rows).P_out[None], out)
+            self._write(slice(last, last + 1), work.P_out[None], out)
         self._write_between(self._before if self._before is not None else navigator.opened, first, last, out)
 
     def own_to_the_end(self, no_rows: GnssRows, out: Output) -> None:
@@ -87,10 +91,12 @@ class RowCovariances:
 
     def _begin(self, bank: Bank | None, out: Output) -> None:
         self._before, self._written = None if bank is None else copy_bank(bank), int(out.counts[0].nav)
+        self._parameters = self.navigator.parameters
 
     def to_the_end(self, bank: Bank, no_rows: GnssRows, out: Output) -> None:
         """Carry the filter's bank to the last sample, and fill what belongs to the rows on the way."""
-        navigator, first, before = self.navigator, int(out.counts[0].nav), copy_bank(bank)
+        self._begin(bank, out)
+        navigator, first, before = self.navigator, self._written, self._before
         work = navigator.workspace(no_rows)
         run_to(bank, int(self.imu.t_ns[-1]), self.imu, navigator.parameters, out, work)
         self._write_between(before, first, int(out.counts[0].nav), out)
@@ -98,7 +104,7 @@ class RowCovariances:
     def _write_between(self, before: Bank | None, first: int, last: int, out: Output) -> None:
         if before is None or last == first:
             return
-        times_ns, parameters = out.nav["t_ns"][first:last].copy(), self.navigator.parameters
+        times_ns, parameters = out.nav["t_ns"][first:last].copy(), self._parameters
         if len(before.state) == 1:
             for some, P in filtered(before, times_ns, self.imu, parameters):
                 self._write(slice(first + some.start, first + some.stop), P, out)
@@ -108,11 +114,11 @@ class RowCovariances:
     def _mixtures(self, bank: Bank, times_ns: Int64) -> Float64:
         """Return the covariances (m, n, n) of a bank of several headings, as its rows have them."""
         n = bank.P.shape[1]
-        P, scratch, par = np.zeros((len(times_ns), n, n)), new_scratch(n), self.navigator.parameters[0]
+        P, scratch, par = np.zeros((len(times_ns), n, n)), new_scratch(n), self._parameters[0]
         for at, t_ns in enumerate(times_ns):
             carry_bank(bank, newest_sample(bank.head[0], self.imu, t_ns), self.imu, par, scratch)
             mixture_covariance(bank, P[at])
         return P
 
     def _write(self, rows: slice, P: Float64, out: Output) -> None:
-        self.further.write(rows, out.nav, P, self.imu, self.navigator.parameters[0])
+        self.further.write(rows, out.nav, P, self.imu, self._parameters[0])

@@ -119,7 +119,7 @@ class Smoother:
         if bank is None:
             self._linked, self._phase = False, None
             return
-        if navigator.setup is not self._setup:  # from a filter with further states no way leads back
+        if navigator.setup is not self._setup:  # no way leads back over a change of the states
             self._setup, self.kept, self.phases = navigator.setup, [], {}
             self._linked, self._phase = False, None
         if self._began_ns is None:

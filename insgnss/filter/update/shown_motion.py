@@ -68,6 +68,7 @@ def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -
     whole = plus(fixed, rotate(m.C_eb, m.f_last))
     centripetal = rotate(m.C_eb, cross(a.w_b, cross(a.w_b, a.l_b)))
     for i in range(3):
+        a.whole_a_e[i] = whole[i] + centripetal[i]
         a.shown_a_e[i] = along * (whole[i] - turn[i]) + turned * turn[i] + centripetal[i]
 
 

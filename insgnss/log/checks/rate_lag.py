@@ -1,4 +1,4 @@
-"""By how much range rates lag behind the motion, from the ranges alone: no inertial sensor has a part in it.
+"""By how much range rates lag behind the motion, from the ranges alone: no inertial data are used.
 
 A receiver that smooths its Doppler, or takes it over an interval, gives the rate of an earlier time. Smoothed twice by
 T/2 (``filter.rows.late_rates``), the rate r obeys  range' = r + T r' + ...,  so that in a window
@@ -11,9 +11,9 @@ and P y. Noise of the rates with the variance s2 is in both, with the trapezoid 
 
     E[x^T P y] = T x^T P x - s2 tr(P L),   E[x^T P x] = that of the motion + s2 tr(P)
 
-s2 comes from third differences. Windows in which the motion does not stand out of it say nothing. The sigma is that of
-the scatter of windows and satellites. Neglects: what r does between two epochs, which the trapezoid adds in quadrature
-to r; noise of the rates that is correlated from epoch to epoch.
+s2 comes from third differences. Windows in which the motion does not exceed this noise are not used. The sigma is that
+of the scatter of windows and satellites. Neglects: what r does between two epochs, which the trapezoid adds in
+quadrature to r; noise of the rates that is correlated from epoch to epoch.
 """
 
 from __future__ import annotations
@@ -121,9 +121,7 @@ def _finding(lag: RateLag, rest_s: float, declared_s: float) -> Finding:
     sigmas = f"{abs(rest_s) / lag.sd_s:.1f} sigma"
     if lag.late_s < -max(SUSPECT_SIGMAS * lag.sd_s, _SUSPECT_S) or lag.late_s > LONGEST_LAG_S:
         text = f"range rates and {lag.by} do not agree in time: the rates' lag is {estimate}{against}"
-        advice = (
-            f"suspected: {lag.by} that the receiver smooths or dates late; no key of the flight file mends it"
-        )
+        advice = f"suspected: {lag.by} that the receiver smooths or dates late; no key of the flight file corrects this"
         return Finding("warning", "gnss", text, advice, sigmas)
     late_s = round(max(lag.late_s, 0.0), 3)
     if abs(rest_s) <= max(SIGNIFICANT_SIGMAS * lag.sd_s, SMALLEST_S) or lag.sd_s > SMALLEST_S:
@@ -168,6 +166,8 @@ def rate_lag(gnss: GnssTable, ranges: Float64, rates: Float64, length_s: float, 
     epochs = np.array([w.epochs for w in windows])[window]
     late_s, weight = 0.0, np.ones_like(xx)
     for _ in range(PASSES):
+        if np.sum(weight * xx) <= 0.0:  # freed from noise: little but noise is left
+            return None
         variance = np.maximum(yy - 2.0 * late_s * xy + late_s**2 * xx, 0.0) / epochs
         weight = 1.0 / (variance + max(float(np.median(variance)), 1e-12))
         late_s = float(np.sum(weight * xy) / np.sum(weight * xx))
@@ -175,7 +175,7 @@ def rate_lag(gnss: GnssTable, ranges: Float64, rates: Float64, length_s: float, 
     information = np.bincount(window, weight * xx)
     total = float(information.sum())
     count = total**2 / float(np.sum(information**2))
-    if count < LEAST_WINDOWS:
+    if total <= 0.0 or count < LEAST_WINDOWS:
         return None
     scatter2 = max(float(np.sum(np.bincount(window, each) ** 2)), float(np.sum(each**2)))
     return RateLag(late_s, float(np.sqrt(scatter2 * count / (count - 1.0))) / total, by)
@@ -209,14 +209,19 @@ def _windows(gnss: GnssTable, ranges: Float64, rates: Float64, length_s: float) 
 def _window(t_s: Float64, z: Float64, r: Float64) -> _Window | None:
     """Return the sums of one window, freed from the noise of the rates; None where they are little else."""
     z, r = (values - values.mean(axis=1, keepdims=True) for values in (z, r))
-    n, step = len(t_s), np.diff(t_s)[:, None]
-    L = np.concatenate((np.zeros((1, n)), np.cumsum(0.5 * step * (np.eye(n)[1:] + np.eye(n)[:-1]), axis=0)))
+    n = len(t_s)
     trend, _ = np.linalg.qr(np.column_stack([np.ones(n), t_s - t_s.mean()]))
-    P = np.eye(n) - trend @ trend.T
-    x, y = P @ r, P @ (z - L @ r)
+    x, y = (values - trend @ (trend.T @ values) for values in (r, z - _integral(t_s, r)))
+    trace = 0.5 * (t_s[-1] - t_s[0]) - float(np.sum(trend * _integral(t_s, trend)))  # tr(P L)
     s2 = np.mean(np.diff(r, 3, axis=0) ** 2, axis=0) / _THIRD
     noise = s2 * (n - 2)
-    xx, xy = np.sum(x**2, axis=0) - noise, np.sum(x * y, axis=0) + s2 * np.sum(P * L.T)
+    xx, xy = np.sum(x**2, axis=0) - noise, np.sum(x * y, axis=0) + s2 * trace
     if xx.sum() < ABOVE_NOISE * noise.sum():
         return None
     return _Window(xx, xy, np.sum(y**2, axis=0), n)
+
+
+def _integral(t_s: Float64, values: Float64) -> Float64:
+    """Return the integral of each column from the first time on, by the trapezoid rule."""
+    steps = 0.5 * np.diff(t_s)[:, None] * (values[1:] + values[:-1])
+    return np.concatenate((np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)))

@@ -9,9 +9,9 @@ linear in the start s_0, the small turn theta, the shift tau of the inertial tag
 the lever arm l in sensor axes. Scale factors and misalignments, M_a and M_g, are biases M_a f and M_g w; they have the
 sigmas of the grade. A gyro scale of 1 % turns a car's velocity after a corner by 0.9 deg, 0.2 m/s at 12 m/s: without
 them a wrong map of the gyros explained a telephone's log better than the right one. Velocities from range rates that
-lag are at their times to the first order alone: k Q d(C f)/dt is the next, k about the square of the lag. In a roll it
-looks like a lever arm: k = 0.08 s^2 like 0.8 m. s_0 and theta belong to a stretch and are projected out of it; the rest
-is common. Rows are weighed by Huber's weights. Neglects: motion of the biases.
+lag are at their times to the first order alone: k Q d(C f)/dt is the next, k a quarter to a half of the lag squared. In
+a roll it looks like a lever arm: k = 0.08 s^2 like 0.8 m. s_0 and theta belong to a stretch and are projected out of
+it; the rest is common. Rows are weighed by Huber's weights. Neglects: motion of the biases.
 """
 
 from __future__ import annotations

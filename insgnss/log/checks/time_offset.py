@@ -100,9 +100,7 @@ _WHAT_DECIDES: Final = (
 
 
 # With rates of the Xi'an car put 0.2 s late its tags, which are right, seem 0.15 s ahead: seven sigmas
-_FORM_OF_LAG: Final = (
-    "the range rates' lag is taken out as a delay, and how they are smoothed may look like this"
-)
+_FORM_OF_LAG: Final = "the lag of the range rates was taken out as a delay; smoothing differs from a delay, which may look like this"
 
 
 def _or_lag(lag_s: float | None) -> str:

@@ -129,14 +129,14 @@ def undisturbed(
     out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_shown)
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
     checkpoints: list[Checkpoint] = []
-    started = False
+    started, latest = False, setup  # the one that a look back may have changed
     carried: CarriedState | None = None
     for part, cut in samples.stretches():
         carried = carried if cut is None else kept_over(carried, cut)
         if len(part.t_ns) < 2:
             continue
         e0, e1 = (int(e) for e in np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1]))
-        navigator = Navigator(setup)
+        navigator = Navigator(latest)
         navigator.starter.begin(given=log.setup.start is not None and not started, carried=carried)
         for from_ns, window in ordered:
             if not part.t_ns[0] <= from_ns <= part.t_ns[-1]:
@@ -149,7 +149,7 @@ def undisturbed(
         navigator.run(part, rows, e0, e1, out)
         if navigator.bank is not None:
             _carry_on(navigator, part, int(part.t_ns[-1]), rows, out)
-        carried = navigator.leave(part)
+        carried, latest = navigator.leave(part), navigator.setup
         started = started or navigator.started_ns is not None
     has_one = {checkpoint.window for checkpoint in checkpoints}
     return log.nav(out), checkpoints, [window for window in windows if window not in has_one]

@@ -102,8 +102,6 @@ def test_ranges_with_slips_and_outliers_still_show_the_lag() -> None:
 def test_rest_shows_no_lag() -> None:
     """Noise of the rates is in their integral, too: a receiver at rest seemed to lag by 0.04 s, 100 sigma."""
     table, rates = logged(0.0, 4, still=True, code_m=0.003, rate_hz=5.0)
-    slow = 0.9 * np.cos(0.3 * table.t_ns / NS_PER_S)  # the clock's, which is no motion
-    assert np.ptp(slow) > 1.0
     assert best_lag(table, rates, table.pseudorange_m) is None
 
 
