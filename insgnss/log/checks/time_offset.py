@@ -100,7 +100,10 @@ _WHAT_DECIDES: Final = (
 
 
 # With rates of the Xi'an car put 0.2 s late its tags, which are right, seem 0.15 s ahead: seven sigmas
-_FORM_OF_LAG: Final = "the lag of the range rates was taken out as a delay; smoothing differs from a delay, which may look like this"
+_FORM_OF_LAG: Final = (
+    "the lag of the range rates was taken out as a delay; a receiver that smooths differs from a delay, and that may"
+    " look like this"
+)
 
 
 def _or_lag(lag_s: float | None) -> str:
