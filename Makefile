@@ -15,8 +15,6 @@ NOTEBOOKS ?= notebooks/*.ipynb
 # Tests start more than a hundred processes; where the environment forbids byte code, each would compile every module
 # anew. Two files run at a time: threads of the linear algebra beside them would spin for a core that they do not get.
 TESTING := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
-# The files in the order of tests/conftest.py, which begins with the longest
-IN_FILES := -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help setup demo test test-bounds test-lowest test-wheel coverage notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
 
@@ -30,7 +28,7 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
 	$(TESTING) $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
-	$(TESTING) $(BIN)/python -m pytest $(IN_FILES) $(ARGS)
+	$(TESTING) $(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 # What computes indices: filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has a cache
 # of its own (insgnss/kernels/jit.py). Every test of the suite may run so, but not in a few minutes. The sample calls of
@@ -59,7 +57,7 @@ test-wheel: $(STAMP)  ## build sdist and wheel, install the wheel without extras
 coverage: $(STAMP)  ## measure which lines the tests run (ARGS='tests/log' for a part)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -e ".[coverage]"
 	rm -rf build/coverage
-	-$(TESTING) $(BIN)/coverage run -m pytest $(IN_FILES) -m "not slow" $(ARGS)
+	-$(TESTING) $(BIN)/coverage run -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 	@echo "lines with those of the kernels: $$($(BIN)/coverage report --rcfile=/dev/null --data-file=build/coverage/data --format=total) %"
