@@ -29,6 +29,8 @@ from insgnss.config.slow_errors import SlowErrorSizes
 from insgnss.config.strict import StrictModel
 from insgnss.config.vehicle_kind import VehicleRows
 
+LONGEST_LAG_S: Final = 2.0  # of range rates
+
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
 
@@ -169,7 +171,7 @@ class Gnss(ObservationLog):
     range_rate_lag_s: float = Field(
         0.0,
         ge=0.0,
-        le=2.0,
+        le=LONGEST_LAG_S,
         description="by which range rates lag behind the motion: loops that smooth them",
     )
     lever_arm_m: LeverArm | None = Field(

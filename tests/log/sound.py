@@ -35,7 +35,7 @@ def check_navigation(navigation: NavigationData) -> None:
 
 
 def check_log(log: ReceiverLog) -> None:
-    """Check all that a receiver's file holds: measurements, or samples or a solution alone."""
+    """Check everything in a receiver's file: measurements, or else inertial samples, a solution or fixes."""
     if len(log.gnss.t_ns):
         check_table(log.gnss)
     else:

@@ -25,10 +25,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.config.flight import LONGEST_LAG_S
 from insgnss.constants import NS_PER_S
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.checks.time_offset import (
-    LONGEST_LAG_S,
     SIGNIFICANT_SIGMAS,
     SMALLEST_S,
     SUSPECT_SIGMAS,

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.config.flight import FlightConfig
+from insgnss.config.flight import LONGEST_LAG_S, FlightConfig
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
@@ -53,7 +53,6 @@ class RatesInTime(NamedTuple):
         return None if ruled_out else max(late_s, 0.0)
 
 
-LONGEST_LAG_S: Final = 2.0  # of the key gnss.range_rate_lag_s
 NO_RATES: Final = RatesInTime(-np.inf, 0.0, np.inf)  # the velocities are not of range rates
 
 

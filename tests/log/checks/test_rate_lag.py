@@ -1,4 +1,4 @@
-"""Range rates that lag behind the ranges: the lag by the ranges alone, and what the check of a flight makes of it."""
+"""Range rates that lag behind the ranges: the lag that the ranges show, and the findings of a flight's check."""
 
 from __future__ import annotations
 
