@@ -58,6 +58,8 @@ STUCK: Final = 42  # the receiver repeats a number that the satellite's motion h
 CONTRADICTS: Final = (
     43  # the rows of its kind contradict the other measurements: none is used until they agree
 )
+# the epoch's GNSS time tag has jumped: by how much is not certain yet, or too much for this kind
+TAG_JUMP: Final = 45
 PHASE_NOT_LOCKED: Final = 44  # carrier: too many of its differences have failed a test
 
 NAMES: Final[dict[int, str]] = {
@@ -85,6 +87,7 @@ NAMES: Final[dict[int, str]] = {
     NO_IMU: "no_imu",
     TOO_LATE: "too_late",
     CLOCK_JUMP: "clock_jump",
+    TAG_JUMP: "tag_jump",
     USED_FOR_START: "used_for_start",
     REFUSED_AT_START: "refused_at_start",
     COMBINED: "combined",

@@ -31,6 +31,7 @@ from insgnss.filter.output.writing import (
     NO_MEASUREMENTS,
     RANGES_NOISY,
     RATES_NOISY,
+    TAG_STEP,
     Output,
     Table,
     log_event,
@@ -41,7 +42,7 @@ from insgnss.filter.output.writing import (
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples, carry_bank, predict_covariance
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_matrix, copy_state
+from insgnss.filter.state import DV, OFFSETS, Bank, HeadRecord, StateRecord, copy_matrix, copy_state
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import update_epoch
 from insgnss.filter.update.judging import UpdateOutcome
@@ -58,10 +59,12 @@ HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
 HEADING_OPEN: Final = 7  # of several headings none is known any more
+TAGS_JUMPED: Final = 8  # the GNSS tags have jumped, by an offset that is no state yet
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
 _UNCERTAIN_APART_S = 10.0
+_JUMPS_APART_S = 10.0  # of GNSS tags that go on jumping one event in so long is enough
 _NOISY: Final = 9.0  # times the variance before: of less the sigmas alone give notice
 _MANY = 7  # pseudoranges that place the filter ...
 _PER_REFUSED = 9  # ... so many used for each refused
@@ -217,6 +220,8 @@ def run_epochs(
         diverged = head.diverged_ns != 0 and (t_ns - head.diverged_ns) * 1e-9 >= par.divergence_time
         if head.rejected_epochs >= par.lockout_epochs or diverged:
             return LOCKOUT, epoch + 1
+        if par.at_gnss_time < 0 and head.tag_jump_ns == t_ns and par.suspicion_limit > 0.0:
+            return TAGS_JUMPED, epoch + 1
         if needs_pruning(bank, drop):
             return PRUNE, epoch + 1
         if is_wide(bank, widest_variance(bank, par.widest_heading_variance)):
@@ -296,7 +301,7 @@ def update_bank(
 
     The leader is updated last, so that the work space then holds its entries for the ledger.
     """
-    n = bank.state.shape[0]
+    n, jumped_ns = bank.state.shape[0], bank.head[0].tag_jump_ns
     lead = bank.head[0].leader
     if par.n_slow > 0:
         place_range_biases(bank, par, rows, epoch, work.epoch.lines)
@@ -327,6 +332,13 @@ def update_bank(
     if done.drift_step != 0.0:
         log_event(out.events, out.counts[0], t_ns, DRIFT_STEP, done.drift_step)
         bank.head[0].renewed_ns = t_ns
+    if bank.head[0].tag_jump_ns == t_ns and (t_ns - jumped_ns) * 1e-9 > _JUMPS_APART_S:
+        late = (
+            bank.head[0].tag_late_s
+            if par.at_gnss_time < 0
+            else -bank.state[lead].optional[par.at_gnss_time - OFFSETS]
+        )
+        log_event(out.events, out.counts[0], t_ns, TAG_STEP, late)
     risen = bank.state[lead].level_risen
     if risen[PSEUDORANGE] > _NOISY:
         log_event(out.events, out.counts[0], t_ns, RANGES_NOISY, math.sqrt(risen[PSEUDORANGE]))

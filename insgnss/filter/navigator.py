@@ -29,12 +29,14 @@ from insgnss.filter.loop import (
     PRUNE,
     SILENCE_S,
     SUSPICION,
+    TAGS_JUMPED,
     current_sample,
     run_epochs,
     run_to,
     write_row,
 )
-from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
+from insgnss.filter.output.loop_events import outage, take_events
+from insgnss.filter.output.writing import N_USED, Output
 from insgnss.filter.own_rows.carrying import doubt_events
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.watch import RefusalWatch
@@ -49,7 +51,7 @@ from insgnss.filter.start.starter import Starter
 from insgnss.filter.start.trial import StartValidation, banks_of, refusal, validation
 from insgnss.filter.state import Bank, HeadRecord, copy_bank
 from insgnss.filter.update.epoch_space import FilterWorkspace
-from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
+from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Event
 
@@ -157,7 +159,7 @@ class Navigator:
             stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
             par, drop = self.parameters, self.setup.log_drop
             code, epoch = run_epochs(self.bank, (epoch, stop), rows, imu, par, drop, out, work)
-            self._collect_events(out)
+            self.events += take_events(out, self.setup)
             self.health.past = self.health.past.after(self.bank, rows, begin, epoch)
             doubt = self.health.doubt
             if self.trial is None:
@@ -303,6 +305,8 @@ class Navigator:
         remedy = self.health.blame_rates(bank, code, imu, rows, epoch, self.parameters)
         if remedy is not None:
             self._accept(remedy, t_ns)
+        elif code == TAGS_JUMPED:
+            self._accept(self.health.follow_tags(bank), t_ns)
         elif (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
             self._accept(self.health.suspect(bank, imu, t_ns, self.parameters), t_ns)
         elif code == PRUNE:
@@ -372,12 +376,7 @@ class Navigator:
         last_ns = max(int(head.epoch_ns), self.started_ns)
         if head.silent_ns == 0 and t_ns - last_ns > SILENCE_S * NS_PER_S:
             head.silent_ns = last_ns
-            self.events.append(event_in_words(last_ns, int(NO_MEASUREMENTS), 0.0, self._left_without_gnss))
-
-    @property
-    def _left_without_gnss(self) -> str:
-        own = self.setup.own
-        return "" if own is None else f"no GNSS measurement is used: inertial samples and {own.named} alone"
+            self.events.append(outage(last_ns, self.setup))
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
@@ -386,15 +385,3 @@ class Navigator:
         self.health.forget()
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter restarts"))
-
-    def _collect_events(self, out: Output) -> None:
-        """Turn the compiled loop's events into words."""
-        count = out.counts[0]
-        visibility, left = self.setup.config.visibility, self._left_without_gnss
-        became = {MASKING_UNCERTAIN: became_of_uncertain(visibility), NO_MEASUREMENTS: left}
-        for row in out.events[: min(count.events, len(out.events))]:
-            kind, t_ns, a = row["kind"], int(row["t_ns"]), float(row["a"])
-            self.events.append(event_in_words(t_ns, int(kind), a, became.get(kind, "")))
-        if count.events > len(out.events):
-            self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
-        count.events = 0

@@ -13,6 +13,7 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.state import CLOCK, DR, MAX_COUPLINGS, MAX_OPTIONAL, MAX_RANGE_BIASES, N_CLONE
 from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
+from insgnss.filter.states.gnss_time import GNSS_TIME
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.lever_arm import LEVER_ARM
@@ -30,7 +31,17 @@ from insgnss.tables import Float64, Int64
 
 _KELVIN = 273.15
 # the blocks of which a row's equation has to know the place, in the order of the fields
-_SINGLE: Final = (CHANNEL_BIAS, ZENITH_DELAY, IONOSPHERE, LEVER_ARM, IMU_TIME, RATE_LAG, RANGE_BIASES)
+_SINGLE: Final = (
+    CHANNEL_BIAS,
+    ZENITH_DELAY,
+    IONOSPHERE,
+    LEVER_ARM,
+    IMU_TIME,
+    GNSS_TIME,
+    RATE_LAG,
+    RANGE_BIASES,
+)
+TAG_JUMP_ODDS: Final = math.log(1e4)  # log odds that an epoch's GNSS tag has jumped (``update.tag_jumps``)
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``GnssRows`` holds their delays
@@ -78,6 +89,7 @@ class Parameters(Record):
     at_ionosphere: int
     at_lever_arm: int
     at_imu_time: int
+    at_gnss_time: int
     at_rate_lag: int
     at_range_biases: int
     n_slow: int  # satellites whose slow errors are followed at the same time, as states or not
@@ -114,6 +126,7 @@ class Parameters(Record):
     lockout_epochs: float
     divergence_nis: float
     divergence_time: float  # [s]
+    tag_jump_odds: float  # log odds from which the GNSS tags are taken to have jumped; inf: never
     suspicion_limit: float  # chi^2 of three; 0: the prediction is never suspected
     heading_known_variance: float  # [rad^2]
     widest_heading_variance: float  # [rad^2] of one hypothesis; above it several take its place
@@ -282,6 +295,7 @@ def resolve_parameters(
         float(config.health.lockout_epochs),
         config.health.strain_nis,
         config.health.strain_s,
+        TAG_JUMP_ODDS if config.health.recovery else math.inf,
         config.health.suspicion_sigma**2 if config.health.recovery else 0.0,
         math.radians(config.heading.known_below_deg) ** 2,
         widest_heading(config.heading) ** 2,

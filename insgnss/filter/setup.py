@@ -28,6 +28,7 @@ from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_OPTIONAL, MAX_RANGE_BIASES
+from insgnss.filter.states.gnss_time import GNSS_TIME, UNKNOWN_GNSS_TIME
 from insgnss.filter.states.imu_time import IMU_TIME, UNKNOWN_IMU_TIME
 from insgnss.filter.states.rate_lag import UNKNOWN_RATE_LAG
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
@@ -90,6 +91,16 @@ class FilterSetup:
         """
         unknown = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG) if early else (UNKNOWN_IMU_TIME,)
         return replace(self, states_wanted=(*self.states_wanted, *unknown))
+
+    @property
+    def may_estimate_gnss_time(self) -> bool:
+        """Whether the offset of the GNSS tags can become a state: several antennas' phases do not know it."""
+        free = self.layout.n_optional < MAX_OPTIONAL and self.aid is None
+        return free and self.layout.at(GNSS_TIME) < 0
+
+    def with_gnss_time(self) -> FilterSetup:
+        """Return the setup of a filter that also estimates the offset of the GNSS time tags, unseen in ``nav``."""
+        return replace(self, states_wanted=(*self.states_wanted, UNKNOWN_GNSS_TIME))
 
     def with_further(
         self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()
@@ -258,7 +269,11 @@ def _refuse_states(states: Any) -> None:
     if not isinstance(states, Sequence) or not all(isinstance(block, StateBlock) for block in states):
         advice = "give a list of insgnss.StateBlock(...)"
         raise ConfigError(f"{states!r} is not a list of state blocks", key="states", advice=advice)
-    own = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG)  # which a filter may add in the middle of a log
+    own = (
+        UNKNOWN_IMU_TIME,
+        UNKNOWN_GNSS_TIME,
+        UNKNOWN_RATE_LAG,
+    )  # which a filter may add in the middle of a log
     taken = {name for block in own for name in (block.name, *block.columns)}
     for block in states:
         if not taken.isdisjoint((block.name, *block.columns)):

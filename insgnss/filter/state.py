@@ -156,6 +156,11 @@ class HeadRecord(Record):
     rejected_epochs: int  # consecutive epochs with most rows of a kind refused
     silent_ns: int  # time since when no measurement was used; 0 when there are some
     diverged_ns: int  # time since when the innovations are far too large; 0 when they are not
+    tag_tested_ns: int  # epoch whose time tag was tested last, see ``tag_jumps``
+    tag_shown_ns: int  # epoch that last showed a jump ...
+    tag_late_s: float  # ... to a tag that is late by so much [s] ...
+    tag_odds: float  # ... and the log odds that epochs have shown for it
+    tag_jump_ns: int  # when the tags last jumped for certain; 0: never
     placed_ns: (
         int  # when many pseudoranges last agreed with the place, velocity measured ever since; 0: never
     )

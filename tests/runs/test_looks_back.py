@@ -14,7 +14,7 @@ import pytest
 from insgnss.config.library import filter_config
 from insgnss.filter.diagnosis.hindsight import Hindsight
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO
-from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS, LOG_PRIOR, SATELLITES
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LOG_PRIOR, SATELLITES
 from insgnss.filter.diagnosis.suspects import Explanation, every_fault, explanations
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.navigator import Navigator
@@ -60,7 +60,7 @@ def reruns(seed: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hind
         begin = end
 
 
-@pytest.mark.parametrize("suspect", [SATELLITES, IMU_TAGS, GNSS_TAGS, "all"])
+@pytest.mark.parametrize("suspect", [SATELLITES, IMU_TAGS, "all"])
 def test_no_fault_is_likelier_than_chance_allows(looks: list[list[Explanation]], suspect: str) -> None:
     told = [each for look in looks for each in look if suspect in (each.suspect, "all")]
     gains = [

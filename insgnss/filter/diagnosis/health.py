@@ -27,6 +27,7 @@ from insgnss.filter.diagnosis.inertial_credit import (
 )
 from insgnss.filter.diagnosis.jumps import GYRO
 from insgnss.filter.diagnosis.lockout import apply_clock_step, clock_steps, in_words, is_thin, may_tell
+from insgnss.filter.diagnosis.offset_state import with_gnss_time
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.recovery import (
     RecoveryTest,
@@ -38,7 +39,7 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, LATE_RATES, SENSORS, TAGS
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, INERTIAL_NOISE, LATE_RATES, SENSORS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
@@ -172,7 +173,7 @@ class FilterHealth:
             event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.setup is not None:
             self.setup = verdict.setup
-        elif verdict.suspect in TAGS:
+        elif verdict.suspect == IMU_TAGS:
             return Remedy(bank, self._told(event))
         if verdict.suspect == LATE_RATES:
             self.rates_late_s = float(verdict.bank.state[0].rates_late_s)
@@ -186,6 +187,12 @@ class FilterHealth:
             if self.credit.is_lost_by_jump(t_ns, db2, density):
                 return self._distrust(bank, [event], t_ns, par)
         return Remedy(verdict.bank, [event])
+
+    def follow_tags(self, bank: Bank) -> Remedy:
+        """Go on with the offset of the GNSS tags as a state, where that is possible: they have jumped."""
+        self.doubt, self.past = None, self.past.forgotten()
+        bank, self.setup = with_gnss_time(bank, self.setup)
+        return Remedy(bank, [])
 
     def _renew(self, new_bank: Bank, bank: Bank, t_ns: int) -> None:
         """Give a filter that a look back has computed the place of ``bank``; what was on trial beside that is over."""
@@ -243,9 +250,8 @@ class FilterHealth:
             if remedy.give_up or remedy.bank is not bank:
                 return remedy
             events = remedy.events
-        kind, fix = contradicted_kind(lines), None
-        if not (refusing and is_thin(lines)):
-            fix = self._fix(rows, epoch, parameters[0])
+        kind = contradicted_kind(lines)
+        fix = None if refusing and is_thin(lines) else self._fix(rows, epoch, parameters[0])
         without = self._without_rates(bank, imu, fix, t_ns, parameters[0]) if health.recovery else None
         if without is not None:
             return without._replace(events=events + without.events)
@@ -285,8 +291,7 @@ class FilterHealth:
             return None
         if not self.setup.config.health.recovery or not left_out(bank, t_ns):
             return None
-        fix = self._fix(rows, epoch, parameters[0])
-        return self._without_rates(bank, imu, fix, t_ns, parameters[0])
+        return self._without_rates(bank, imu, self._fix(rows, epoch, parameters[0]), t_ns, parameters[0])
 
     def _fix(self, rows: GnssRows, epoch: int, par: Parameters) -> Fix | None:
         return fix_epoch(rows, epoch, par, self.setup.ties, self.setup.config.start.max_gdop)

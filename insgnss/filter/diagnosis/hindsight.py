@@ -34,6 +34,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     EITHER,
     EITHER_OR_LAPSE,
     EITHER_OR_SHOCK,
+    IMU_TAGS,
     LAPSE,
     RATES,
     RISEN2,
@@ -41,7 +42,6 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
     SHOCK,
     SURE,
-    TAGS,
     quiet,
     together,
     with_errors_that_last,
@@ -87,7 +87,7 @@ class Verdict(NamedTuple):
     fits: bool
     satellites: tuple[int, ...] = ()  # slots
     rates_mps: tuple[float, ...] = ()  # at which these run away
-    size: float = 0.0  # of the time tags' error, of a further sensor's lateness [s]
+    size: float = 0.0  # of the inertial tags' error, of a further sensor's lateness [s]
     onset_ns: int = 0  # of a sensor's fault
     later_s: float = 0.0  # by which it may be at most
     axes: tuple[int, ...] = ()  # of the sensor
@@ -272,11 +272,10 @@ class Hindsight:
         suspect: str,
         bank: Bank,
         stretches: EpochRanges,
-        shift_ns: int = 0,
         imu: ImuSamples | None = None,
     ) -> Verdict | None:
-        """Return the result for a suspicion; rows and samples ``imu`` may be those of other tags."""
-        written = self.until(bank, self.end_ns + shift_ns, stretches, imu)
+        """Return the result for a suspicion; the samples ``imu`` may be those of other tags."""
+        written = self.until(bank, self.end_ns, stretches, imu)
         if written is None:
             return None
         total = float(bank.head[0].log_likelihood)
@@ -370,7 +369,7 @@ class Hindsight:
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""
-        if verdict.suspect in TAGS:
+        if verdict.suspect == IMU_TAGS:
             return verdict
         if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:
             return None

@@ -1,4 +1,8 @@
-"""Inertial tags that are off: the filter of a minute ago, which estimates their offset, over the minute again."""
+"""Time tags that are off: the filter goes on with their offset as a state.
+
+Of inertial tags that is the filter of a minute ago, over the minute again; of GNSS tags, whose jump shows at once, the
+filter as it is.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
 from insgnss.filter.diagnosis.resetting import inflate_bias_covariance
 from insgnss.filter.diagnosis.supposed_faults import quiet, with_errors_that_last
 from insgnss.filter.layout import Layout
+from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import OFFSETS, Bank, SlowErrors, new_bank
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.inertial.sensor_model import sensor_model
@@ -34,6 +39,17 @@ def with_offset_state(tags: Verdict, again: Hindsight) -> Verdict:
     if run.until(bank, again.now_ns) is None:
         return tags
     return tags._replace(bank=bank, setup=setup)
+
+
+def with_gnss_time(bank: Bank, setup: FilterSetup) -> tuple[Bank, FilterSetup]:
+    """Return a filter and its setup with the unknown offset of the GNSS tags; as they are where that is not possible.
+
+    The epochs that showed the jump have used no row.
+    """
+    if not setup.may_estimate_gnss_time:
+        return bank, setup
+    wider = setup.with_gnss_time()
+    return with_further_states(bank, setup.layout, wider.layout), wider
 
 
 def with_further_states(bank: Bank, layout: Layout, wider: Layout) -> Bank:

@@ -46,8 +46,7 @@ class FilterHistory:
     opened: bool = False  # whether both sensors are suspect meanwhile
     suspected: frozenset[str | int] = frozenset()  # the suspicion at the last check
     judged_ns: int = 0  # when it was last checked
-    tags_off_ns: int = 0  # when time tags were last found to be off
-    tags_off: str = ""  # and which
+    tags_off_ns: int = 0  # when the inertial tags were last found to be off
     in_vain: int = 0  # how often in a row without a result
 
     @property
@@ -101,7 +100,7 @@ class FilterHistory:
         return past, (int(times_ns[end]), now_ns)
 
     def tags_were_off(self, within_ns: int) -> bool:
-        """Return whether time tags were recently found to be off."""
+        """Return whether the inertial tags were recently found to be off."""
         return self.tags_off_ns > 0 and self.judged_ns - self.tags_off_ns < within_ns
 
     def of_late(self, since_ns: int) -> FilterHistory:
@@ -115,17 +114,15 @@ class FilterHistory:
             return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
-    def after_verdict(self, tags_off: str = "") -> FilterHistory:
+    def after_verdict(self, *, tags_off: bool = False) -> FilterHistory:
         """Return the past once something has been found; what was before a new filter is of no use to it.
 
-        ``tags_off``: which time tags were found to be off, where that leaves the filter as it is.
+        ``tags_off``: the inertial tags were found to be off, which leaves the filter as it is.
         """
         if not tags_off:
-            return FilterHistory(
-                judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns, tags_off=self.tags_off
-            )
+            return FilterHistory(judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns)
         found = replace(self, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
-        return replace(found, tags_off_ns=self.judged_ns, tags_off=tags_off)
+        return replace(found, tags_off_ns=self.judged_ns)
 
     def forgotten(self) -> FilterHistory:
         """Return an empty past."""
@@ -153,13 +150,3 @@ def _are_alike(rows: GnssRows, other: GnssRows) -> bool:
     return np.array_equal(rows.klobuchar, other.klobuchar) and (
         is_empty or (len(rows.carrier) > 0) == (len(other.carrier) > 0)
     )
-
-
-def rows_at(stretches: EpochRanges, t_ns: int) -> GnssRows:
-    """Return the rows of one epoch of the past."""
-    for stretch in stretches:
-        times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
-        k = int(np.searchsorted(times_ns, t_ns)) + stretch.first
-        if k < stretch.last and int(stretch.rows.epoch_ns[k]) == t_ns:
-            return some_epochs(stretch.rows, k, k + 1)
-    raise AssertionError("an epoch that was written is in the past")

@@ -19,8 +19,7 @@ from insgnss.status import DRIFTING, USED
 from insgnss.tables import Float64
 
 EITHER = "accelerometer or gyro"
-SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
-TAGS: Final = (IMU_TAGS, GNSS_TAGS)
+SATELLITES, IMU_TAGS = "satellites", "imu tags"
 RATES = "range rates"  # of all satellites
 LATE_RATES = "late range rates"  # of all satellites
 FURTHER_SENSOR = "further sensor"

@@ -3,14 +3,14 @@
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
 some instant on, or wrong for a moment; with more noise in all satellites' rows or all inertial samples; without
-satellites that may run away; without range rates, or with range rates that lag; with time tags that are off; with a
+satellites that may run away; without range rates, or with range rates that lag; with inertial tags that are off; with a
 further sensor that is less accurate than it says, or late. Each explanation has a prior and a likelihood, integrated
 over what it does not know (onset, size, axis, rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
 An explanation is believed when its odds against all others together, the sound filter among them, are large, and it was
-suspected before already; late GNSS tags at once. Then the filter that knew of it in time takes the place of the one
+suspected before already. Then the filter that knew of it in time takes the place of the one
 that did not: with its honest covariance, and with all else as it was. Where accelerometers and gyros explain the same,
 the biases of both become unknown until one is believed.                     [Willsky & Jones 1976; Kass & Raftery 1995]
 """
@@ -39,7 +39,6 @@ from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
     FURTHER_SENSOR,
-    GNSS_TAGS,
     IMU_TAGS,
     INERTIAL_NOISE,
     LAPSE,
@@ -51,9 +50,8 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
     SHOCK,
     SURE,
-    TAGS,
 )
-from insgnss.filter.diagnosis.tag_faults import other_imu_tags, other_tags
+from insgnss.filter.diagnosis.tag_faults import other_imu_tags
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
 from insgnss.filter.headings.heading_bank import merge_into
 from insgnss.filter.layout import Layout
@@ -225,8 +223,7 @@ def every_fault(again: Hindsight) -> list[Verdict]:
             pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, INERTIAL_NOISE, NOISE, RATES)
         ]
         others = [
-            pool.submit(list[Verdict], verdicts_of(again))
-            for verdicts_of in (other_tags, other_imu_tags, late_rates)
+            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_imu_tags, late_rates)
         ]
         others += [
             pool.submit(list[Verdict], wrong_sensor(again, kind)) for kind in sensors_in_question(again)
@@ -274,8 +271,7 @@ def judge(
             return None, replace(past, in_vain=past.in_vain + 1)
         if chosen.suspect == IMU_TAGS:
             verdict = with_offset_state(verdict, again)
-        as_it_was = chosen.suspect in TAGS and verdict.setup is None
-        return verdict, past.after_verdict(chosen.suspect if as_it_was else "")
+        return verdict, past.after_verdict(tags_off=chosen.suspect == IMU_TAGS and verdict.setup is None)
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
@@ -305,11 +301,8 @@ def _filter_of(chosen: Explanation, again: Hindsight) -> Verdict | None:
 
 
 def _is_shown(of: list[Explanation], ranking: list[Explanation], before: frozenset[str | int]) -> bool:
-    """Return whether some explanations are far likelier than all others, and were ``before`` or are so clearly now.
-
-    Where late GNSS tags began is seen for some seconds only.
-    """
-    seen = all(_accused(each) <= before for each in of[:1]) or of[0].suspect == GNSS_TAGS
+    """Return whether some explanations are far likelier than all others, and were ``before`` or are so clearly now."""
+    seen = all(_accused(each) <= before for each in of[:1])
     return log_odds(of, ranking) > (SURE if seen else CLEAR)
 
 
@@ -338,8 +331,7 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     were_noisy = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
     noise = noise or (were_noisy and first.suspect == INERTIAL_NOISE)
     # early samples and late range rates look alike
-    alike = first.suspect in TAGS or (first.suspect == LATE_RATES and past.tags_off == IMU_TAGS)
-    late = not alike and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect not in (IMU_TAGS, LATE_RATES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -1,4 +1,4 @@
-"""A filter and its rows if the time tags were off: their new values, and the offset that explains most."""
+"""A filter and its samples if the inertial tags were off: their new values, and the offset that explains most."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import Bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.gnss.observation_rows import GnssRows
 
 
 def at_other_tags(bank: Bank, late_ns: int) -> Bank:
@@ -43,11 +42,3 @@ def summit(values: dict[float, float]) -> float:
     x = np.array(at[best - 1 : best + 2])
     second, first, _ = np.polyfit(x, [values[k] for k in x], 2)
     return float(-0.5 * first / second) if second < 0.0 else 0.0
-
-
-def later(rows: GnssRows, shift_ns: int) -> GnssRows:
-    """Return rows with other time tags, the satellites carried on by as much."""
-    sat = rows.sat.copy()
-    sat[:, :3] += shift_ns / NS_PER_S * sat[:, 3:6]
-    before_ns = rows.before_ns + shift_ns * (rows.before_ns != 0)
-    return rows._replace(epoch_ns=rows.epoch_ns + shift_ns, before_ns=before_ns, sat=sat)

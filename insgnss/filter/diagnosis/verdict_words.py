@@ -19,7 +19,6 @@ from insgnss.filter.diagnosis.supposed_faults import (
     RATES,
     SATELLITES,
     SHOCK,
-    TAGS,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
@@ -40,7 +39,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         names = _names(verdict.satellites)
         detail = f"{names}: code and Doppler drift away from those of all others; left out, the last minute recomputed"
         return Event(t_ns, "satellite_suspect", detail)
-    if verdict.suspect in TAGS:
+    if verdict.suspect == IMU_TAGS:
         return Event(t_ns, "time_tag_suspect", _of_tags(verdict))
     if verdict.suspect == LATE_RATES:
         late_s = float(verdict.bank.state[0].rates_late_s)
@@ -96,9 +95,8 @@ def _names(satellites: tuple[int, ...]) -> str:
 
 
 def _of_tags(verdict: Verdict) -> str:
-    tags, others = ("inertial", "GNSS") if verdict.suspect == IMU_TAGS else ("GNSS", "inertial")
     size = abs(verdict.size)
-    signs = ("late", "early") if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else ("early", "late")
+    signs = ("late", "early") if verdict.size > 0.0 else ("early", "late")
     rates = ""
     if verdict.size < 0.0 and verdict.setup is None:  # inertial tags early, GNSS tags late
         rates = f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
@@ -112,7 +110,7 @@ def _of_tags(verdict: Verdict) -> str:
         sigmas = f"the last minute is recomputed with {states} (from the start: process.imu_time_sigma_s)"
     along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
     return (
-        f"the {tags} time tags are about {size:.2f} s {signs[0]}, or the {others} tags {signs[1]}: the residuals"
+        f"the inertial time tags are about {size:.2f} s {signs[0]}, or the GNSS tags {signs[1]}: the residuals"
         f" follow the motion; {sigmas}. A lever arm error of"
         f" {along_m:.1f} m along the direction of motion would look the same{rates}"
     )

@@ -11,7 +11,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.writing import Table
 from insgnss.filter.update.creeping import LEAST_AGREEING, RATE_FLOOR2
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE
 from insgnss.status import GATED, INCONSISTENT, USED
 from insgnss.tables import Bool, Float64, Int64
 
@@ -178,22 +178,3 @@ def _apart_from_the_others(written: list[EpochLog]) -> list[tuple[int, ...]]:
     sizes = range(1, min(MOST_SATELLITES, len(names) - LEAST_AGREEING) + 1)
     best = [min(itertools.combinations(likely, size), key=left) for size in sizes]
     return [tuple(names[i] for i in chosen) for chosen in best]
-
-
-def tag_error_s(epochs: tuple[tuple[EpochLog, GnssRows], ...]) -> float:
-    """Return by how much the GNSS tags seem to be late: their error moves each satellite by its own range rate.
-
-    Equation: y = -dt (rate - mean rate) + common, by least squares over the last epochs
-    """
-    above = below = 0.0
-    for written, rows in epochs:
-        status = written.ledger["status"][:, 0]
-        is_judged = (status == USED) | (status == GATED)
-        rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[is_judged]
-        y = written.ledger["innovation"][is_judged, 0]
-        is_judged = np.isfinite(rate) & np.isfinite(y)
-        if np.sum(is_judged) > LEAST_AGREEING:
-            apart = rate[is_judged] - rate[is_judged].mean()
-            above -= float(apart @ y[is_judged])
-            below += float(apart @ apart)
-    return above / below if below > 0.0 else 0.0

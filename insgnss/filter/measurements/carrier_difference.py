@@ -21,10 +21,10 @@ from insgnss.filter.measurements.pseudorange import COLUMNS as RANGE_COLUMNS
 from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
-from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import model_variance
+from insgnss.filter.rows.time_columns import gnss_time_column, imu_time_range_column
 from insgnss.filter.state import N_CLONE, OFFSETS, StateRecord
 from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
@@ -61,6 +61,7 @@ def carrier_difference(
     left, count = zenith_columns(m, par, line, CARRIER, N_COLUMNS, wet, shell)
     count = lever_range_columns(m, par, a, line, CARRIER, count)
     line.count[CARRIER] = imu_time_range_column(par, a, line, CARRIER, count)
+    left += gnss_time_column(m, par, rows, i, a, line, CARRIER)
     clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
     predicted = a.distance - before + clocks + (left + troposphere - row.phase_factor * a.ionosphere_grown)
     variance = m.noise_factor[CARRIER] * model_variance(-line.u_n[2], row.thermal, par.kind[CARRIER])

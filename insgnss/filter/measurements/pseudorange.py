@@ -13,10 +13,10 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
-from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
+from insgnss.filter.rows.time_columns import gnss_time_column, imu_time_range_column
 from insgnss.filter.rows.weak_signals import weak_signal_level
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative
@@ -54,6 +54,7 @@ def pseudorange(
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
     count = lever_range_columns(m, par, a, line, PSEUDORANGE, count)
     line.count[PSEUDORANGE] = imu_time_range_column(par, a, line, PSEUDORANGE, count)
+    left += gnss_time_column(m, par, rows, i, a, line, PSEUDORANGE)
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
     variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
     line.weakness = float(row.weakness)

@@ -17,11 +17,11 @@ from typing import Final
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
-from insgnss.filter.rows.imu_time_columns import imu_time_rate_column
 from insgnss.filter.rows.late_rates import late_rate, rate_lag_column
 from insgnss.filter.rows.lever_columns import lever_rate_columns
 from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
+from insgnss.filter.rows.time_columns import gnss_time_column, imu_time_rate_column
 from insgnss.filter.state import BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.gnss.observation_rows import RANGE_RATE, GnssRows
@@ -51,6 +51,7 @@ def range_rate(
     count = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
     count = imu_time_rate_column(par, a, line, RANGE_RATE, count)
     lag, line.count[RANGE_RATE] = rate_lag_column(m, par, rows, i, a, line, count)
+    left += gnss_time_column(m, par, rows, i, a, line, RANGE_RATE)
     predicted = a.range_rate + m.clock[1] - rows.sat[i, 7] + left
     late, unsure = late_rate(m, a, rows, i)
     predicted += late + lag

@@ -71,6 +71,7 @@ MASKING_ON: Final = np.int64(6)
 MASKING_UNCERTAIN: Final = np.int64(7)  # a: satellites over epochs
 RANGES_NOISY: Final = np.int64(8)  # a: by how much their sigma has risen
 RATES_NOISY: Final = np.int64(9)  # the same
+TAG_STEP: Final = np.int64(10)  # a: by how much the GNSS tags are late [s]
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -198,6 +199,9 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     if kind == DRIFT_STEP:
         size = f"{a:.2f} m/s"
         return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {size}{why}; absorbed")
+    if kind == TAG_STEP:
+        detail = f"the GNSS time tags have jumped: the pseudoranges show that they are off by {a:+.3f} s now"
+        return Event(t_ns, "time_tag_jump", f"{detail} (positive: late); {why}")
     if kind == NO_MEASUREMENTS:
         return Event(t_ns, "no_measurements", why or "no measurement is used: the filter coasts")
     if kind == MEASUREMENTS_BACK:

@@ -11,7 +11,7 @@ from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
-WIDTH: Final = 20  # of the longest row, so that one compiled update serves all kinds
+WIDTH: Final = 21  # of the longest row, so that one compiled update serves all kinds
 
 
 class Line(Record):

@@ -16,9 +16,9 @@ def clone_epoch(
 ) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
-    Equation: d r_a = d r_e + psi x l_e + C dl - v ds, so the clone is J dx with J = [I, -[l_e x], C, -v] in (position,
-    attitude, errors of the lever arm and of the IMU's time, where they are states) and 1 in the clock; P_cx = J P,
-    P_cc = J P J^T.
+    Equation: d r_a = d r_e + psi x l_e + C dl - v ds + v ds', so the clone is J dx with J = [I, -[l_e x], C, -v, v] in
+    (position, attitude, errors of the lever arm, of the IMU's time and of that of GNSS, where they are states) and 1 in
+    the clock; P_cx = J P, P_cc = J P J^T.
 
     Parameters
     ----------
@@ -42,6 +42,8 @@ def clone_epoch(
                 P[j, c + i] += _of_lever(m, P[par.at_lever_arm : par.at_lever_arm + 3, j], i)
             if par.at_imu_time >= 0:
                 P[j, c + i] -= a.shown_v_e[i] * P[par.at_imu_time, j]
+            if par.at_gnss_time >= 0:
+                P[j, c + i] += a.v_a[i] * P[par.at_gnss_time, j]
             P[c + i, j] = P[j, c + i]
         P[j, c + CLONE_CLOCK] = P[CLOCK, j]
         P[c + CLONE_CLOCK, j] = P[CLOCK, j]
@@ -53,6 +55,8 @@ def clone_epoch(
                 P[c + i, c + k] += _of_lever(m, P[c + i, par.at_lever_arm : par.at_lever_arm + 3], k)
             if par.at_imu_time >= 0:
                 P[c + i, c + k] -= a.shown_v_e[k] * P[c + i, par.at_imu_time]
+            if par.at_gnss_time >= 0:
+                P[c + i, c + k] += a.v_a[k] * P[c + i, par.at_gnss_time]
         P[c + i, c + CLONE_CLOCK] = P[c + i, CLOCK]
     for i in range(N_CLONE):
         for k in range(i):

@@ -40,6 +40,7 @@ from insgnss.filter.update.prior_rows import place_antenna, predict_measurements
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, keep_gain, place_slow_variances
+from insgnss.filter.update.tag_jumps import follow_tag_jump
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import (
     ABSENT,
@@ -93,6 +94,7 @@ def update_epoch(
     predict_measurements(m, P, par, rows, epoch, w_ib_b, f_b, s)
     if is_far(P):
         predict_nearer(bank, member, par, rows, epoch, imu, sample, work)
+    follow_tag_jump(bank, member, par, rows, epoch, s)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction = s.vectors[0]
     place_slow_variances(bank, member, par, rows, epoch, lines)

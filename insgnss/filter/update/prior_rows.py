@@ -34,7 +34,8 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
 
     The state is at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
     v late - a late^2 / 2 and v_a by a late, a = C_eb (f_b + w x (w x l)) + g - 2 w_ie x v_e. Where the IMU's time is
-    estimated, late is more by that, and a holds C_eb (w' x l), w' the angular acceleration.
+    estimated, late is more by that, and a holds C_eb (w' x l), w' the angular acceleration; where that of the GNSS tags
+    is, late is less by that.
     Neglects: w' otherwise, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
     place_lever(m, par, a)
@@ -53,6 +54,8 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     late = m.clock[0] / C_MPS
     if par.at_imu_time >= 0:
         late += m.optional[par.at_imu_time - OFFSETS]
+    if par.at_gnss_time >= 0:
+        late -= m.optional[par.at_gnss_time - OFFSETS]
     normal_gravity_ecef(m.r_e, a.u)
     a.u[0] += 2.0 * WGS84_OMEGA_RADPS * m.v_e[1]
     a.u[1] -= 2.0 * WGS84_OMEGA_RADPS * m.v_e[0]
@@ -64,6 +67,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
         acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]
         a.r_a[i] = m.r_e[i] + a.l_e[i] - late * (a.v_a[i] - 0.5 * late * acceleration)
         a.v_a[i] -= late * acceleration
+        a.whole_a_e[i] = acceleration
 
 
 @kernel(apart=True)

@@ -29,6 +29,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "no_imu": "outside the time the inertial log covers",
     "too_late": "it reached the streaming engine after its latency limit",
     "clock_jump": "refused with its whole epoch: the receiver's clock jumped and the step was not known yet",
+    "tag_jump": "the epoch's GNSS time tag has jumped: by how much was not certain yet, or too much for this kind",
     "used_for_start": "it went into the single-point solution that started or restarted the filter",
     "refused_at_start": "the single-point solution excluded it",
     "combined": "its value is in another row of the satellite: the ionosphere-free combination",

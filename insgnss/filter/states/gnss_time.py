@@ -1,0 +1,20 @@
+"""The error of the GNSS time tags after a jump: s seconds to be added to them, constant until the next jump.
+
+An epoch with the tag t was measured at t + s. By then the antenna is at r_a + v s with the velocity v_a + a s
+(``update.prior_rows``), and the satellites have moved on: a pseudorange is larger by s times its own rate, up to 800 m
+for a second and different for each satellite, so one epoch of six satellites shows s to milliseconds. No setting asks
+for the state: a filter whose epoch shows a jump (``update.tag_jumps``) goes on with it.
+Neglects: the drift of the satellites' clocks, 1e-4 m in a second; s^2 / 2 times the ranges' acceleration, 0.1 m in one.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.layout import StateBlock
+
+GNSS_TIME: Final = "gnss_time"
+JUMP_SIGMA_S: Final = 1.0  # of a jump whose size only its rows show
+# of an offset beyond which the acceleration of a moment says too little of a velocity that much earlier or later
+LONGEST_FOR_RATES_S: Final = 0.2
+UNKNOWN_GNSS_TIME: Final = StateBlock(GNSS_TIME, ("gnss_time_offset_s",), "s", JUMP_SIGMA_S, shown=False)

@@ -1,0 +1,203 @@
+"""A GNSS time tag that has jumped: the pseudoranges of an epoch contradict the prior as only a time can make them.
+
+A tag that is late by d moves each satellite by its own velocity: a pseudorange is off by d times its rate, -800 to
+800 m/s. With the innovations y of covariance S = H P H^T + R at the prior and the rates g, the tag leaves
+q = (y - d g)^T S^-1 (y - d g), d = g^T S^-1 y / g^T S^-1 g, of n rows about n. Two other explanations compete:
+
+    noise that has risen by any factor   log odds n / 2 ln(y^T S^-1 y / q) - ln(T sqrt(g^T S^-1 g / 2 pi))
+    another place, unknown               log odds (q_place - q) n / 2 q,  q_place what position and clock leave
+
+d being anywhere in T. The lesser of the two counts, q at least n. The pseudoranges of an epoch that shows a jump, though
+not for certain, are left out; the next epoch that shows the same adds its odds.                  [Kass & Raftery 1995]
+
+The offset of the tags is a state from then on (``states.gnss_time``), unknown again at each further jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import EpochWorkspace, Lines
+from insgnss.filter.state import OFFSETS, Bank, StateRecord
+from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S
+from insgnss.filter.update.consistency import LEAST_WITNESSES, is_variance, used_rows, write_innovations
+from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE, GnssRows
+from insgnss.kernels.jit import kernel
+from insgnss.status import TAG_JUMP, USED
+from insgnss.tables import Float64
+
+_UNUSUAL: Final = 4.0  # mean square of the innovations over their variances, below which no tag has jumped
+_LONGEST_S: Final = 1.5 * JUMP_SIGMA_S  # a leap second, too
+_LEAST_ODDS: Final = 3.0  # logarithm, below which an epoch shows no jump
+_AGREE: Final = 4.0  # sigmas within which two epochs show the same jump ...
+_AGREE_S: Final = 3.0  # ... if they are not further apart
+# columns of X in ``tag_jump``; three of position and one of the clock are the place
+_GROWTH, _PLACE, _CLOCK, _INNOVATION, _COLUMNS = 0, 1, 4, 5, 6
+
+
+@kernel(apart=True)
+def follow_tag_jump(
+    bank: Bank, member: int, par: Parameters, rows: GnssRows, epoch: int, s: EpochWorkspace
+) -> None:
+    """Look whether the tag of an epoch has jumped, once for all hypotheses, and refuse the rows that cannot be used.
+
+    Where the offset of the tags is a state, it is unknown again and the rows are used. Otherwise the pseudoranges are
+    refused, and if the offset is large all rows. The lines are predicted.
+    """
+    head, P, t_ns = bank.head[0], bank.P[member], rows.epoch_ns[epoch]
+    lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
+    if head.tag_tested_ns != t_ns:
+        head.tag_tested_ns = t_ns
+        jump, sigma, odds = tag_jump(bank.state[member], P, par, rows, epoch, s)
+        if odds > 0.0:
+            late = (t_ns - head.tag_shown_ns) * 1e-9 > _AGREE_S
+            if late or not abs(jump - head.tag_late_s) < _AGREE * sigma:
+                head.tag_odds = 0.0
+            head.tag_odds += odds
+            head.tag_shown_ns, head.tag_late_s = t_ns, jump
+            if head.tag_odds > par.tag_jump_odds:
+                head.tag_jump_ns, head.tag_odds = t_ns, 0.0
+    is_state = par.at_gnss_time >= 0
+    if is_state and abs(bank.state[member].optional[par.at_gnss_time - OFFSETS]) > LONGEST_FOR_RATES_S:
+        refuse_from(RANGE_RATE, N_KINDS, lines)
+    if head.tag_shown_ns != t_ns:
+        return
+    if abs(head.tag_late_s) > LONGEST_FOR_RATES_S:
+        refuse_from(RANGE_RATE, N_KINDS, lines)
+    refuse_from(CARRIER, N_KINDS, lines)
+    if not is_state or head.tag_jump_ns != t_ns:
+        refuse_from(PSEUDORANGE, RANGE_RATE, lines)
+        return
+    forget_offset(bank, member, par.at_gnss_time)
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        for kind in range(CARRIER):
+            if line.status[kind] == USED:
+                columns = line.columns[kind][: line.count[kind]]
+                line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
+
+
+@kernel(inline=True)
+def refuse_from(first: int, end: int, lines: Lines) -> None:
+    """Refuse the rows of the kinds from ``first`` to before ``end``: pseudoranges, range rates, carrier differences."""
+    for j in range(lines.shape[0]):
+        for kind in range(first, end):
+            if lines[j].status[kind] == USED:
+                lines[j].status[kind] = TAG_JUMP
+
+
+@kernel(inline=True)
+def forget_offset(bank: Bank, member: int, at: int) -> None:
+    """Make the offset of the GNSS tags, at ``at`` in the error state, unknown; its value stays, to be linear there."""
+    P = bank.P[member]
+    for i in range(P.shape[0]):
+        P[at, i], P[i, at] = 0.0, 0.0
+        bank.slow.R[at, i], bank.slow.R[i, at] = 0.0, 0.0
+    for k in range(bank.slow.S.shape[0]):
+        bank.slow.S[k, at] = 0.0
+    P[at, at] = JUMP_SIGMA_S**2
+    bank.state[member].motion_response[at] = 0.0
+
+
+@kernel(apart=True)
+def tag_jump(
+    m: StateRecord, P: Float64, par: Parameters, rows: GnssRows, epoch: int, s: EpochWorkspace
+) -> tuple[float, float, float]:
+    """Return by how much the GNSS tag of an epoch has become late [s], its sigma, and the log odds; 0: it has not.
+
+    It allocates its work space: only an epoch of unusual innovations comes so far.
+    """
+    lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
+    if not (par.tag_jump_odds < math.inf and are_unusual(lines)):
+        return 0.0, 0.0, 0.0
+    index = np.empty(lines.shape[0], np.int64)
+    n = used_rows(lines, PSEUDORANGE, index)
+    S, X, a = np.empty((n, n + 1)), np.empty((n, _COLUMNS)), s.antenna[0]
+    write_innovations(S, P, lines, PSEUDORANGE, index[:n])
+    u, dr = np.empty(3), np.empty(3)
+    for k in range(n):
+        _, rate = line_of_sight(rows.sat, rows.first[epoch] + index[k], a.r_a, a.v_a, u, dr)
+        X[k, _INNOVATION] = S[k, n]
+        X[k, _GROWTH] = -(rate + m.clock[1])  # a late tag: the measurement is older
+        for i in range(3):
+            X[k, _PLACE + i] = u[i]
+        X[k, _CLOCK] = 1.0
+    if not whiten(S, X):
+        return 0.0, 0.0, 0.0
+    growth2, both, whole = 0.0, 0.0, 0.0
+    for k in range(n):
+        growth2 += X[k, _GROWTH] ** 2
+        both += X[k, _GROWTH] * X[k, _INNOVATION]
+        whole += X[k, _INNOVATION] ** 2
+    jump = both / growth2 if is_variance(growth2) else math.nan
+    if not abs(jump) < _LONGEST_S:
+        return 0.0, 0.0, 0.0
+    q = max(whole - jump * both, n * 1.0)
+    choice = math.log(1.0 + 2.0 * _LONGEST_S * math.sqrt(growth2 / math.tau))
+    odds = min(0.5 * n * math.log(whole / q) - choice, 0.5 * n * (left_by_place(X) - q) / q)
+    if not odds > _LEAST_ODDS:
+        return 0.0, 0.0, 0.0
+    return jump, math.sqrt(q / (n * growth2)), odds
+
+
+@kernel(inline=True)
+def are_unusual(lines: Lines) -> bool:
+    """Return whether there are enough pseudoranges to judge the tag by, and most of them far from the prediction."""
+    n, total = 0, 0.0
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        if line.status[PSEUDORANGE] == USED:
+            n += 1
+            y, variance = (
+                line.innovation[PSEUDORANGE],
+                line.predicted[PSEUDORANGE] + line.variance[PSEUDORANGE],
+            )
+            total += y * y / variance
+    return n >= LEAST_WITNESSES and total > _UNUSUAL * n
+
+
+@kernel(inline=True)
+def whiten(S: Float64, X: Float64) -> bool:
+    """X <- L^-1 X with S = L L^T, which takes the place of ``S``; return whether S is a covariance."""
+    n, width = X.shape
+    for j in range(n):
+        for k in range(j):
+            share = S[j, k]
+            for i in range(j, n):
+                S[i, j] -= S[i, k] * share
+            for c in range(width):
+                X[j, c] -= share * X[k, c]
+        if not is_variance(S[j, j]):
+            return False
+        root = math.sqrt(S[j, j])
+        for i in range(j, n):
+            S[i, j] /= root
+        for c in range(width):
+            X[j, c] /= root
+    return True
+
+
+@kernel(inline=True)
+def left_by_place(X: Float64) -> float:
+    """Return what an unknown position and clock leave of the innovations' square; they are changed (Gram-Schmidt)."""
+    n = X.shape[0]
+    for c in range(_PLACE, _INNOVATION):
+        square = 0.0
+        for k in range(n):
+            square += X[k, c] ** 2
+        for later in range(c + 1, _COLUMNS):
+            share = 0.0
+            for k in range(n):
+                share += X[k, c] * X[k, later]
+            for k in range(n):
+                X[k, later] -= share / square * X[k, c]
+    left = 0.0
+    for k in range(n):
+        left += X[k, _INNOVATION] ** 2
+    return left
