@@ -32,6 +32,7 @@ from insgnss.filter.output.writing import (
     RANGES_NOISY,
     RATES_NOISY,
     TAG_STEP,
+    TAGS_UNSTEADY,
     Output,
     Table,
     log_event,
@@ -47,6 +48,7 @@ from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import update_epoch
 from insgnss.filter.update.judging import UpdateOutcome
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.tag_jumps import UNSTEADY
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 
@@ -339,6 +341,9 @@ def update_bank(
             else -bank.state[lead].optional[par.at_gnss_time - OFFSETS]
         )
         log_event(out.events, out.counts[0], t_ns, TAG_STEP, late)
+    if par.at_gnss_time >= 0 and bank.head[0].tag_jumps == UNSTEADY:
+        bank.head[0].tag_jumps += 1
+        log_event(out.events, out.counts[0], t_ns, TAGS_UNSTEADY, UNSTEADY * 1.0)
     risen = bank.state[lead].level_risen
     if risen[PSEUDORANGE] > _NOISY:
         log_event(out.events, out.counts[0], t_ns, RANGES_NOISY, math.sqrt(risen[PSEUDORANGE]))

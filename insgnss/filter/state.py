@@ -161,6 +161,7 @@ class HeadRecord(Record):
     tag_late_s: float  # ... to a tag that is late by so much [s] ...
     tag_odds: float  # ... and the log odds that epochs have shown for it
     tag_jump_ns: int  # when the tags last jumped for certain; 0: never
+    tag_jumps: int  # jumps that have followed each other
     placed_ns: (
         int  # when many pseudoranges last agreed with the place, velocity measured ever since; 0: never
     )

@@ -72,6 +72,7 @@ MASKING_UNCERTAIN: Final = np.int64(7)  # a: satellites over epochs
 RANGES_NOISY: Final = np.int64(8)  # a: by how much their sigma has risen
 RATES_NOISY: Final = np.int64(9)  # the same
 TAG_STEP: Final = np.int64(10)  # a: by how much the GNSS tags are late [s]
+TAGS_UNSTEADY: Final = np.int64(11)  # a: after how many jumps
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -202,6 +203,9 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     if kind == TAG_STEP:
         detail = f"the GNSS time tags have jumped: the pseudoranges show that they are off by {a:+.3f} s now"
         return Event(t_ns, "time_tag_jump", f"{detail} (positive: late); {why}")
+    if kind == TAGS_UNSTEADY:
+        detail = f"the GNSS time tags have jumped {a:.0f} times: from here on each epoch's offset counts as unknown"
+        return Event(t_ns, "time_tag_jump", f"{detail} (log the receiver's own time, not the computer's)")
     if kind == NO_MEASUREMENTS:
         return Event(t_ns, "no_measurements", why or "no measurement is used: the filter coasts")
     if kind == MEASUREMENTS_BACK:

@@ -7,10 +7,11 @@ q = (y - d g)^T S^-1 (y - d g), d = g^T S^-1 y / g^T S^-1 g, of n rows about n. 
     noise that has risen by any factor   log odds n / 2 ln(y^T S^-1 y / q) - ln(T sqrt(g^T S^-1 g / 2 pi))
     another place, unknown               log odds (q_place - q) n / 2 q,  q_place what position and clock leave
 
-d being anywhere in T. The lesser of the two counts, q at least n. The pseudoranges of an epoch that shows a jump, though
-not for certain, are left out; the next epoch that shows the same adds its odds.                  [Kass & Raftery 1995]
+d being anywhere in T. The lesser of the two counts, q at least n. The pseudoranges of an epoch that shows a jump but
+not for certain are left out; the next epoch that shows the same adds its odds.                   [Kass & Raftery 1995]
 
-The offset of the tags is a state from then on (``states.gnss_time``), unknown again at each further jump.
+The offset of the tags is a state from then on (``states.gnss_time``), unknown again at each further jump; at each epoch
+once jumps have followed each other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import OFFSETS, Bank, StateRecord
+from insgnss.filter.state import OFFSETS, Bank, HeadRecord, StateRecord
 from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S
 from insgnss.filter.update.consistency import LEAST_WITNESSES, is_variance, used_rows, write_innovations
 from insgnss.filter.update.scalar_update import predicted_variance
@@ -37,6 +38,8 @@ _LONGEST_S: Final = 1.5 * JUMP_SIGMA_S  # a leap second, too
 _LEAST_ODDS: Final = 3.0  # logarithm, below which an epoch shows no jump
 _AGREE: Final = 4.0  # sigmas within which two epochs show the same jump ...
 _AGREE_S: Final = 3.0  # ... if they are not further apart
+UNSTEADY: Final = 3  # jumps, each within so long after the one before, and the tags are believed no more
+_UNSTEADY_S: Final = 60.0
 # columns of X in ``tag_jump``; three of position and one of the clock are the place
 _GROWTH, _PLACE, _CLOCK, _INNOVATION, _COLUMNS = 0, 1, 4, 5, 6
 
@@ -52,18 +55,15 @@ def follow_tag_jump(
     """
     head, P, t_ns = bank.head[0], bank.P[member], rows.epoch_ns[epoch]
     lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
+    is_state = par.at_gnss_time >= 0
     if head.tag_tested_ns != t_ns:
         head.tag_tested_ns = t_ns
-        jump, sigma, odds = tag_jump(bank.state[member], P, par, rows, epoch, s)
-        if odds > 0.0:
-            late = (t_ns - head.tag_shown_ns) * 1e-9 > _AGREE_S
-            if late or not abs(jump - head.tag_late_s) < _AGREE * sigma:
-                head.tag_odds = 0.0
-            head.tag_odds += odds
-            head.tag_shown_ns, head.tag_late_s = t_ns, jump
-            if head.tag_odds > par.tag_jump_odds:
-                head.tag_jump_ns, head.tag_odds = t_ns, 0.0
-    is_state = par.at_gnss_time >= 0
+        if is_state and head.tag_jumps >= UNSTEADY:
+            head.tag_shown_ns, head.tag_jump_ns, head.tag_late_s = t_ns, t_ns, 0.0
+        else:
+            jump, sigma, odds = tag_jump(bank.state[member], P, par, rows, epoch, s)
+            if odds > 0.0:
+                note_jump(head, jump, sigma, odds, par, t_ns)
     if is_state and abs(bank.state[member].optional[par.at_gnss_time - OFFSETS]) > LONGEST_FOR_RATES_S:
         refuse_from(RANGE_RATE, N_KINDS, lines)
     if head.tag_shown_ns != t_ns:
@@ -81,6 +81,19 @@ def follow_tag_jump(
             if line.status[kind] == USED:
                 columns = line.columns[kind][: line.count[kind]]
                 line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
+
+
+@kernel(inline=True)
+def note_jump(head: HeadRecord, jump: float, sigma: float, odds: float, par: Parameters, t_ns: int) -> None:
+    """Add the odds of an epoch to those of the epochs just before that show the same jump."""
+    late = (t_ns - head.tag_shown_ns) * 1e-9 > _AGREE_S
+    if late or not abs(jump - head.tag_late_s) < _AGREE * sigma:
+        head.tag_odds = 0.0
+    head.tag_odds += odds
+    head.tag_shown_ns, head.tag_late_s = t_ns, jump
+    if head.tag_odds > par.tag_jump_odds:
+        head.tag_jumps = 1 + (head.tag_jumps if (t_ns - head.tag_jump_ns) * 1e-9 < _UNSTEADY_S else 0)
+        head.tag_jump_ns, head.tag_odds = t_ns, 0.0
 
 
 @kernel(inline=True)

@@ -7,13 +7,10 @@ from typing import Final
 
 from tests.benchmarks.trust.rows import Mark
 
-TIME_OFFSET: Final = "an offset of the GNSS tags has no state"
 BEFORE: Final = "the offset becomes a state when it is found: see the row with _state"
 
 # what a later issue brings
 LATER: Final = (
-    Mark("fault_gnss_50ms", "worst *", TIME_OFFSET),
-    Mark("fault_gnss_50ms", "no false heading", TIME_OFFSET),
     Mark("fault_imu_50ms", "worst velocity all", BEFORE),
     Mark("fault_imu_early", "worst *", BEFORE),
 )

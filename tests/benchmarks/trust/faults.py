@@ -224,6 +224,22 @@ def _times() -> tuple[Row, ...]:
             event=_OFFSET_WORDS,
         ),
         _row(
+            "fault_gnss_second",
+            "GNSS tags a second late for 60 s: a leap second",
+            spoiling.tags_late(1.0, LASTS_S),
+            (*honest("since", limit=SIGMAS), REPORTED),
+            windows={"since": (0.0, np.inf)},
+            event=_OFFSET_WORDS,
+        ),
+        _row(
+            "fault_gnss_jitter",
+            "GNSS tags off by 20 ms (rms), each by itself",
+            spoiling.tags_jitter(0.02),
+            (*honest("since", limit=SIGMAS), REPORTED),
+            windows={"since": (0.0, np.inf)},
+            event=_OFFSET_WORDS,
+        ),
+        _row(
             "fault_imu_50ms",
             "IMU tags 50 ms late from the start",
             spoiling.imu_late(0.05),

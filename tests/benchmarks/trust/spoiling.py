@@ -216,6 +216,19 @@ def noise_times(factor: float, for_s: float) -> Spoiler:
     return spoil
 
 
+def tags_jitter(sigma_s: float) -> Spoiler:
+    """Each epoch's tag is off by itself, as those that a computer's clock gives; the tags stay in order."""
+
+    def spoil(case: Case, at_s: float, rng: np.random.Generator) -> Case:
+        rows = _inside(case.gnss, case, at_s, np.inf)
+        epochs, of_row = np.unique(case.gnss.t_ns, return_inverse=True)
+        off_ns = np.rint(rng.normal(0.0, sigma_s * NS_PER_S, len(epochs))).astype(np.int64)
+        t_ns = case.gnss.t_ns + np.where(rows, off_ns[of_row], 0)
+        return replace(case, gnss=replace(case.gnss, t_ns=t_ns))
+
+    return spoil
+
+
 def tags_late(by_s: float, for_s: float) -> Spoiler:
     """The receiver's tags are late by the same for a while; the last of them stay in order."""
 
