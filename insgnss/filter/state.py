@@ -160,6 +160,7 @@ class HeadRecord(Record):
     tag_shown_ns: int  # epoch that last showed a jump ...
     tag_late_s: float  # ... to a tag that is late by so much [s] ...
     tag_odds: float  # ... and the log odds that epochs have shown for it
+    tag_elsewhere: int  # ... 1: at a place that is wrong, too
     tag_jump_ns: int  # when the tags last jumped for certain; 0: never
     tag_jumps: int  # jumps that have followed each other
     placed_ns: (

@@ -37,16 +37,19 @@ def gnss_time_column(
 ) -> float:
     """Write the derivative of row ``i`` by the GNSS tags' offset s behind its others; return what s adds to it.
 
-    The whole range grows by rho_dot + drift, its rate by A - u . a, A the satellites' part; a carrier difference by
-    A dt - u . v, the clone having its own share of s. What the antenna does by then is in its place already.
+    Equations: d rho = u . v_s + drift - u . v of a pseudorange; d rho_dot = A - dr . v - (u . a - dr . v) of its rate,
+    A the satellites' part of the acceleration, dr the derivative of the rate by position; (A - dr . v) dt - u . v of a
+    carrier difference, whose clone has its own share. The terms of v and a, the antenna's, are in its place already.
     """
     if par.at_gnss_time < 0:
         return 0.0
-    antenna = dot(a.u, a.whole_a_e) if kind == RANGE_RATE else dot(a.u, a.v_a)
+    antenna, swept = dot(a.u, a.v_a), dot(a.dr, a.v_a)
     if kind == PSEUDORANGE:
         own = a.range_rate + antenna + m.clock[1]
     else:
-        own = satellites_part(a, rows, i) * (a.look_back if kind == CARRIER else 1.0)
+        own = (satellites_part(a, rows, i) - swept) * (a.look_back if kind == CARRIER else 1.0)
+    if kind == RANGE_RATE:
+        antenna = dot(a.u, a.whole_a_e) - swept
     count = line.count[kind]
     line.h[kind][count] = own - antenna
     line.columns[kind][count] = par.at_gnss_time

@@ -7,23 +7,25 @@ q = (y - d g)^T S^-1 (y - d g), d = g^T S^-1 y / g^T S^-1 g, of n rows about n. 
     noise that has risen by any factor   log odds n / 2 ln(y^T S^-1 y / q) - ln(T sqrt(g^T S^-1 g / 2 pi))
     another place, unknown               log odds (q_place - q) n / 2 q,  q_place what position and clock leave
 
-d being anywhere in T. The lesser of the two counts, q at least n. The pseudoranges of an epoch that shows a jump but
-not for certain are left out; the next epoch that shows the same adds its odds.                   [Kass & Raftery 1995]
+d being anywhere in T. The lesser of the two counts, q at least n. Where neither tag nor place alone explains the epoch,
+both may be wrong: a filter that was started with wrong tags is at a wrong place. With S^-1/2 g and S^-1/2 y less what
+position and clock explain in place of these, the first law gives the odds of n - 4 rows.
 
-The offset of the tags is a state from then on (``states.gnss_time``), unknown again at each further jump; at each epoch
-once jumps have followed each other.
+The pseudoranges of an epoch that shows a jump but not for certain are left out; the next epoch that shows the same adds
+its odds. The offset of the tags is a state from then on (``states.gnss_time``), unknown again at each further jump; at
+each epoch once jumps have followed each other.                                                   [Kass & Raftery 1995]
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import OFFSETS, Bank, HeadRecord, StateRecord
+from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, HeadRecord, StateRecord
 from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S
 from insgnss.filter.update.consistency import LEAST_WITNESSES, is_variance, used_rows, write_innovations
 from insgnss.filter.update.scalar_update import predicted_variance
@@ -40,8 +42,23 @@ _AGREE: Final = 4.0  # sigmas within which two epochs show the same jump ...
 _AGREE_S: Final = 3.0  # ... if they are not further apart
 UNSTEADY: Final = 3  # jumps, each within so long after the one before, and the tags are believed no more
 _UNSTEADY_S: Final = 60.0
-# columns of X in ``tag_jump``; three of position and one of the clock are the place
-_GROWTH, _PLACE, _CLOCK, _INNOVATION, _COLUMNS = 0, 1, 4, 5, 6
+# columns of X in ``tag_evidence``: three of position and one of the clock are the place
+_CLOCK, _GROWTH, _INNOVATION, _COLUMNS = 3, 4, 5, 6
+_N_PLACE: Final = 4
+_MANY: Final = 8  # pseudoranges that tell a wrong tag and a wrong place from noise
+_SPOILT_MPS: Final = 1500.0  # by which wrong tags spoil place and clock: twice the fastest range rate
+
+
+class TagEvidence(NamedTuple):
+    """What the pseudoranges of an epoch say of its time tag."""
+
+    late_s: float  # by which it has become late
+    sigma_s: float
+    log_odds: float  # that it has; 0: it does not show
+    elsewhere: int  # 1 if the place is wrong as well
+
+
+NOTHING: Final = TagEvidence(0.0, 0.0, 0.0, 0)
 
 
 @kernel(apart=True)
@@ -61,9 +78,9 @@ def follow_tag_jump(
         if is_state and head.tag_jumps >= UNSTEADY:
             head.tag_shown_ns, head.tag_jump_ns, head.tag_late_s = t_ns, t_ns, 0.0
         else:
-            jump, sigma, odds = tag_jump(bank.state[member], P, par, rows, epoch, s)
-            if odds > 0.0:
-                note_jump(head, jump, sigma, odds, par, t_ns)
+            found = tag_evidence(bank.state[member], P, par, rows, epoch, s)
+            if found.log_odds > 0.0:
+                note_jump(head, found, par, t_ns)
     if is_state and abs(bank.state[member].optional[par.at_gnss_time - OFFSETS]) > LONGEST_FOR_RATES_S:
         refuse_from(RANGE_RATE, N_KINDS, lines)
     if head.tag_shown_ns != t_ns:
@@ -71,6 +88,8 @@ def follow_tag_jump(
     if abs(head.tag_late_s) > LONGEST_FOR_RATES_S:
         refuse_from(RANGE_RATE, N_KINDS, lines)
     refuse_from(CARRIER, N_KINDS, lines)
+    if head.tag_elsewhere == 1 and head.tag_jump_ns == t_ns:
+        forget_place(P, _SPOILT_MPS * head.tag_late_s)
     if not is_state or head.tag_jump_ns != t_ns:
         refuse_from(PSEUDORANGE, RANGE_RATE, lines)
         return
@@ -84,14 +103,14 @@ def follow_tag_jump(
 
 
 @kernel(inline=True)
-def note_jump(head: HeadRecord, jump: float, sigma: float, odds: float, par: Parameters, t_ns: int) -> None:
+def note_jump(head: HeadRecord, found: TagEvidence, par: Parameters, t_ns: int) -> None:
     """Add the odds of an epoch to those of the epochs just before that show the same jump."""
-    late = (t_ns - head.tag_shown_ns) * 1e-9 > _AGREE_S
-    if late or not abs(jump - head.tag_late_s) < _AGREE * sigma:
+    late = (t_ns - head.tag_shown_ns) * 1e-9 > _AGREE_S or found.elsewhere != head.tag_elsewhere
+    if late or not abs(found.late_s - head.tag_late_s) < _AGREE * found.sigma_s:
         head.tag_odds = 0.0
-    head.tag_odds += odds
-    head.tag_shown_ns, head.tag_late_s = t_ns, jump
-    if head.tag_odds > par.tag_jump_odds:
+    head.tag_odds += found.log_odds
+    head.tag_shown_ns, head.tag_late_s, head.tag_elsewhere = t_ns, found.late_s, found.elsewhere
+    if head.tag_odds > (1.0 + 2.0 * found.elsewhere) * par.tag_jump_odds:
         head.tag_jumps = 1 + (head.tag_jumps if (t_ns - head.tag_jump_ns) * 1e-9 < _UNSTEADY_S else 0)
         head.tag_jump_ns, head.tag_odds = t_ns, 0.0
 
@@ -103,6 +122,14 @@ def refuse_from(first: int, end: int, lines: Lines) -> None:
         for kind in range(first, end):
             if lines[j].status[kind] == USED:
                 lines[j].status[kind] = TAG_JUMP
+
+
+@kernel(inline=True)
+def forget_place(P: Float64, sigma_m: float) -> None:
+    """Make position and clock uncertain by so much more."""
+    for i in range(3):
+        P[DR + i, DR + i] += sigma_m * sigma_m
+    P[CLOCK, CLOCK] += sigma_m * sigma_m
 
 
 @kernel(inline=True)
@@ -119,16 +146,16 @@ def forget_offset(bank: Bank, member: int, at: int) -> None:
 
 
 @kernel(apart=True)
-def tag_jump(
+def tag_evidence(
     m: StateRecord, P: Float64, par: Parameters, rows: GnssRows, epoch: int, s: EpochWorkspace
-) -> tuple[float, float, float]:
-    """Return by how much the GNSS tag of an epoch has become late [s], its sigma, and the log odds; 0: it has not.
+) -> TagEvidence:
+    """Return what an epoch says of its GNSS tag.
 
     It allocates its work space: only an epoch of unusual innovations comes so far.
     """
     lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
     if not (par.tag_jump_odds < math.inf and are_unusual(lines)):
-        return 0.0, 0.0, 0.0
+        return NOTHING
     index = np.empty(lines.shape[0], np.int64)
     n = used_rows(lines, PSEUDORANGE, index)
     S, X, a = np.empty((n, n + 1)), np.empty((n, _COLUMNS)), s.antenna[0]
@@ -136,27 +163,52 @@ def tag_jump(
     u, dr = np.empty(3), np.empty(3)
     for k in range(n):
         _, rate = line_of_sight(rows.sat, rows.first[epoch] + index[k], a.r_a, a.v_a, u, dr)
-        X[k, _INNOVATION] = S[k, n]
-        X[k, _GROWTH] = -(rate + m.clock[1])  # a late tag: the measurement is older
         for i in range(3):
-            X[k, _PLACE + i] = u[i]
+            X[k, i] = u[i]
         X[k, _CLOCK] = 1.0
+        X[k, _GROWTH] = -(rate + m.clock[1])  # a late tag: the measurement is older
+        X[k, _INNOVATION] = S[k, n]
     if not whiten(S, X):
-        return 0.0, 0.0, 0.0
+        return NOTHING
+    growth2, both, whole = products(X)
+    alone = explained(growth2, both, whole, n * 1.0)
+    remove_place(X)
+    growth2_apart, both_apart, left_by_place = products(X)
+    left = max(whole - both * both / growth2, n * 1.0)
+    odds = min(alone.log_odds, 0.5 * n * (left_by_place - left) / left)
+    if odds > _LEAST_ODDS:
+        return TagEvidence(alone.late_s, alone.sigma_s, odds, 0)
+    if n < _MANY:
+        return NOTHING
+    apart = explained(growth2_apart, both_apart, left_by_place, n - _N_PLACE * 1.0)
+    return (
+        TagEvidence(apart.late_s, apart.sigma_s, apart.log_odds, 1)
+        if apart.log_odds > _LEAST_ODDS
+        else NOTHING
+    )
+
+
+@kernel(inline=True)
+def products(X: Float64) -> tuple[float, float, float]:
+    """Return g.g, g.y and y.y."""
     growth2, both, whole = 0.0, 0.0, 0.0
-    for k in range(n):
+    for k in range(X.shape[0]):
         growth2 += X[k, _GROWTH] ** 2
         both += X[k, _GROWTH] * X[k, _INNOVATION]
         whole += X[k, _INNOVATION] ** 2
-    jump = both / growth2 if is_variance(growth2) else math.nan
-    if not abs(jump) < _LONGEST_S:
-        return 0.0, 0.0, 0.0
-    q = max(whole - jump * both, n * 1.0)
+    return growth2, both, whole
+
+
+@kernel(inline=True)
+def explained(growth2: float, both: float, whole: float, freedom: float) -> TagEvidence:
+    """Return what innovations of ``freedom`` degrees say for a wrong tag against noise."""
+    late_s = both / growth2 if is_variance(growth2) else math.nan
+    if not abs(late_s) < _LONGEST_S:
+        return NOTHING
+    left = max(whole - late_s * both, freedom)
     choice = math.log(1.0 + 2.0 * _LONGEST_S * math.sqrt(growth2 / math.tau))
-    odds = min(0.5 * n * math.log(whole / q) - choice, 0.5 * n * (left_by_place(X) - q) / q)
-    if not odds > _LEAST_ODDS:
-        return 0.0, 0.0, 0.0
-    return jump, math.sqrt(q / (n * growth2)), odds
+    odds = 0.5 * freedom * math.log(whole / left) - choice
+    return TagEvidence(late_s, math.sqrt(left / (freedom * growth2)), odds, 0)
 
 
 @kernel(inline=True)
@@ -197,20 +249,15 @@ def whiten(S: Float64, X: Float64) -> bool:
 
 
 @kernel(inline=True)
-def left_by_place(X: Float64) -> float:
-    """Return what an unknown position and clock leave of the innovations' square; they are changed (Gram-Schmidt)."""
-    n = X.shape[0]
-    for c in range(_PLACE, _INNOVATION):
+def remove_place(X: Float64) -> None:
+    """Take from g and y what position and clock explain of them (Gram and Schmidt)."""
+    for c in range(_GROWTH):
         square = 0.0
-        for k in range(n):
+        for k in range(X.shape[0]):
             square += X[k, c] ** 2
         for later in range(c + 1, _COLUMNS):
             share = 0.0
-            for k in range(n):
+            for k in range(X.shape[0]):
                 share += X[k, c] * X[k, later]
-            for k in range(n):
+            for k in range(X.shape[0]):
                 X[k, later] -= share / square * X[k, c]
-    left = 0.0
-    for k in range(n):
-        left += X[k, _INNOVATION] ** 2
-    return left
