@@ -61,7 +61,7 @@ HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
 HEADING_OPEN: Final = 7  # of several headings none is known any more
-TAGS_JUMPED: Final = 8  # the GNSS tags have jumped, by an offset that is no state yet
+TAGS_JUMPED: Final = 8  # the GNSS tags have jumped, by an offset that is not a state yet
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event

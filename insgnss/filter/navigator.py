@@ -35,7 +35,7 @@ from insgnss.filter.loop import (
     run_to,
     write_row,
 )
-from insgnss.filter.output.loop_events import outage, take_events
+from insgnss.filter.loop_events import outage, take_events
 from insgnss.filter.output.writing import N_USED, Output
 from insgnss.filter.own_rows.carrying import doubt_events
 from insgnss.filter.own_rows.ledger import OwnEntry

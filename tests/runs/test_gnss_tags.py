@@ -15,7 +15,7 @@ import insgnss
 from insgnss.config.library import filter_config
 from insgnss.filter.diagnosis.offset_state import with_gnss_time
 from insgnss.filter.engine import FilterEngine
-from insgnss.filter.output.loop_events import take_events
+from insgnss.filter.loop_events import take_events
 from insgnss.filter.output.writing import TAG_STEP, log_event, new_output
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import MAX_OPTIONAL, OFFSETS, new_bank

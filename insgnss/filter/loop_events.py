@@ -1,4 +1,4 @@
-"""The events of the compiled loop in words; some go on with what the settings make of them."""
+"""The events of the compiled loop in words: several depend on the settings."""
 
 from __future__ import annotations
 
