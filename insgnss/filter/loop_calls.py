@@ -42,6 +42,7 @@ from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.satellite_noise import widen_noisy_rates
 from insgnss.filter.update.shown_motion import follow_motion, place_motion
 from insgnss.filter.update.slow_errors import follow_slow_errors, place_effects_of_fix, place_slow_variances
+from insgnss.filter.update.tag_jumps import follow_tag_jump, tag_evidence
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
@@ -125,6 +126,8 @@ def _judging(
         stands_out: (memory, lines, rows.observation, ANY_N, ANY_X, s.fit, ANY_X, ANY_X),
         find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True, ANY_X),
         judge_rows: (bank, ANY_N, par, lines, rows.observation, ANY_N, s),
+        follow_tag_jump: (bank, ANY_N, par, rows, ANY_N, s),
+        tag_evidence: (m, P, par, rows, ANY_N, s),
         follow_lasting_errors: (m, P, memory, s, rows.observation, ANY_N, ANY_N, par),
         use_epoch: (m, P, lines, vectors, par, ANY_X, P, values),
         leave_contradicted: (P, lines, ANY_N, places, places, ANY_X),

@@ -73,7 +73,7 @@ def test_columns_equal_finite_differences(kind: int) -> None:
     assert np.abs(found).max() > (100.0, 3.0, 50.0)[kind]
 
 
-def epoch(late_s: float, noise_m: Float64, moved_m: float = 0.0) -> tuple[Bank, GnssRows, Any]:
+def tagged_epoch(late_s: float, noise_m: Float64, moved_m: float = 0.0) -> tuple[Bank, GnssRows, Any]:
     """Return a filter, and an epoch of as many satellites as ``noise_m`` has, whose tag is late by ``late_s``.
 
     The satellites approach and recede by up to 700 m/s. ``moved_m``: by how much the filter is north of the truth.
@@ -96,7 +96,7 @@ def epoch(late_s: float, noise_m: Float64, moved_m: float = 0.0) -> tuple[Bank, 
 
 
 def evidence(late_s: float, noise_m: Float64, moved_m: float = 0.0) -> TagEvidence:
-    bank, log, (par, work) = epoch(late_s, noise_m, moved_m)
+    bank, log, (par, work) = tagged_epoch(late_s, noise_m, moved_m)
     return TagEvidence(*tag_evidence(bank.state[0], bank.P[0], par, log, 0, work))
 
 
@@ -134,7 +134,7 @@ def test_late_tag_at_a_wrong_place_is_both_and_that_takes_eight_satellites() -> 
 
 def test_five_satellites_say_nothing_nor_does_a_filter_without_recovery() -> None:
     assert evidence(0.05, np.zeros(5)).log_odds == 0.0
-    bank, log, (par, work) = epoch(0.05, np.zeros(9))
+    bank, log, (par, work) = tagged_epoch(0.05, np.zeros(9))
     for recovery, seen in ((True, True), (False, False)):
         tight = filter_config("tight17")
         config = tight.model_copy(update={"health": tight.health.model_copy(update={"recovery": recovery})})
@@ -149,16 +149,16 @@ def follow(bank: Bank, log: GnssRows, par: Any, work: Any) -> list[list[str]]:
 
 
 def test_jump_whose_offset_is_no_state_yet_costs_the_pseudoranges_of_the_epoch() -> None:
-    bank, log, (par, work) = epoch(0.05, np.zeros(9))
+    bank, log, (par, work) = tagged_epoch(0.05, np.zeros(9))
     ranges, rates = follow(bank, log, par, work)
     assert ranges == [NAMES[TAG_JUMP]] * 9 and rates == ["used"] * 9
     assert bank.head[0].tag_jump_ns == START_NS and bank.head[0].tag_late_s == pytest.approx(0.05, abs=1e-3)
-    bank, log, (par, work) = epoch(0.5, np.zeros(9))
+    bank, log, (par, work) = tagged_epoch(0.5, np.zeros(9))
     assert follow(bank, log, par, work) == [[NAMES[TAG_JUMP]] * 9] * 2
 
 
 def test_jump_whose_offset_is_a_state_makes_it_unknown_and_uses_the_rows() -> None:
-    bank, log, (par, work) = epoch(0.05, np.zeros(9))
+    bank, log, (par, work) = tagged_epoch(0.05, np.zeros(9))
     bank = with_further_states(bank, Layout(), Layout((UNKNOWN_GNSS_TIME,)))
     bank.P[0, OFFSETS, OFFSETS], bank.P[0, OFFSETS, DR], bank.P[0, DR, OFFSETS] = 1e-6, 1e-4, 1e-4
     par.at_gnss_time = OFFSETS
@@ -173,10 +173,10 @@ def test_jump_whose_offset_is_a_state_makes_it_unknown_and_uses_the_rows() -> No
 
 
 def test_hypotheses_are_tested_once() -> None:
-    bank, log, (par, work) = epoch(0.0, np.zeros(9))
+    bank, log, (par, work) = tagged_epoch(0.0, np.zeros(9))
     follow(bank, log, par, work)
     assert bank.head[0].tag_tested_ns == START_NS
-    tested, log, (par, work) = epoch(0.05, np.zeros(9))
+    tested, log, (par, work) = tagged_epoch(0.05, np.zeros(9))
     tested.head[0].tag_tested_ns = START_NS
     ranges, _ = follow(tested, log, par, work)
     assert ranges == ["used"] * 9

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from insgnss.filter.diagnosis.offset_state import with_further_states
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
 from insgnss.filter.rows.late_rates import carry_late_velocity
 from insgnss.filter.smoothing.between import NextEpoch, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumns, further_values
-from insgnss.filter.state import BG, DR, OFFSETS, select_members
+from insgnss.filter.state import ABSENT_STATE, BG, DR, OFFSETS, select_members
+from insgnss.filter.states.gnss_time import UNKNOWN_GNSS_TIME
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
@@ -21,7 +23,9 @@ from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.filter.update.slow_errors import correct_by_row_without
+from insgnss.filter.update.tag_jumps import follow_tag_jump
 from insgnss.gnss.observation_rows import N_BANDS
+from tests.filter.test_tag_jumps import tagged_epoch
 from tests.kernels import KernelCase
 from tests.kernels.filter import SKY, START_NS, bank, imu, parameters, rows, short_log
 from tests.layouts import layout_with
@@ -37,6 +41,24 @@ def uncertain_imu_time() -> list[Any]:
     """Return what the loop changes and writes where the IMU's tags are off by a time that is a state."""
     offset = StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", 0.02)
     return short_log(True, True, motion_sigma=3.0, further=(offset,))
+
+
+def uncertain_gnss_time() -> list[Any]:
+    """Return what the loop changes and writes where the GNSS tags are off by a time that is a state."""
+    return short_log(True, True, motion_sigma=3.0, further=(UNKNOWN_GNSS_TIME,))
+
+
+def jumped_tags() -> list[Any]:
+    """Return what becomes of epochs whose tags have jumped, at a right or a wrong place, with the state or not."""
+    found: list[Any] = []
+    for moved_m, at in ((0.0, ABSENT_STATE), (80.0, ABSENT_STATE), (0.0, OFFSETS)):
+        made, log, (par, work) = tagged_epoch(0.05, 0.3 * np.sin(np.arange(12.0)), moved_m)
+        if at == OFFSETS:
+            made = with_further_states(made, Layout(), Layout((UNKNOWN_GNSS_TIME,)))
+        par.at_gnss_time, par.tag_jump_odds = at, 1.0
+        follow_tag_jump(made, 0, par, log, 0, work)
+        found += [made, work.lines["status"].copy(), work.lines["predicted"].copy()]
+    return found
 
 
 def late_rates() -> list[Any]:
@@ -118,6 +140,8 @@ def point_of_the_body() -> list[Any]:
 CASES = [
     KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
     KernelCase("tests.kernels.rows:uncertain_imu_time", rtol=1e-8),
+    KernelCase("tests.kernels.rows:uncertain_gnss_time", rtol=1e-8),
+    KernelCase("tests.kernels.rows:jumped_tags", rtol=1e-8),
     KernelCase("tests.kernels.rows:late_rates", rtol=1e-10),
     KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
     KernelCase("tests.kernels.rows:slow_errors", rtol=1e-12),
