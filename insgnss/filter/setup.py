@@ -30,6 +30,7 @@ from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_OPTIONAL, MAX_RANGE_BIASES
 from insgnss.filter.states.gnss_time import GNSS_TIME, UNKNOWN_GNSS_TIME
 from insgnss.filter.states.imu_time import IMU_TIME, UNKNOWN_IMU_TIME
+from insgnss.filter.states.lever_arm import LEVER_ARM, UNKNOWN_LEVER_ARM
 from insgnss.filter.states.rate_lag import UNKNOWN_RATE_LAG
 from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
@@ -101,6 +102,15 @@ class FilterSetup:
     def with_gnss_time(self) -> FilterSetup:
         """Return the setup of a filter that also estimates the offset of the GNSS time tags, unseen in ``nav``."""
         return replace(self, states_wanted=(*self.states_wanted, UNKNOWN_GNSS_TIME))
+
+    @property
+    def may_estimate_lever_arm(self) -> bool:
+        """Whether the lever arm's error is not a state yet, and there is room for it."""
+        return self.layout.at(LEVER_ARM) < 0 and self.layout.n_optional + 3 <= MAX_OPTIONAL
+
+    def with_lever_arm(self) -> FilterSetup:
+        """Return the setup of a filter that also estimates the lever arm's error, unseen in ``nav``."""
+        return replace(self, states_wanted=(*self.states_wanted, UNKNOWN_LEVER_ARM))
 
     def with_further(
         self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()

@@ -39,7 +39,7 @@ from insgnss.filter.diagnosis.recovery import (
     rates_disagree,
 )
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
-from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, INERTIAL_NOISE, LATE_RATES, SENSORS
+from insgnss.filter.diagnosis.supposed_faults import INERTIAL_NOISE, INSTALLATION, LATE_RATES, SENSORS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away, with_noise_of_grade
 from insgnss.filter.diagnosis.verdict_words import (
     RATES_DISAGREE,
@@ -173,7 +173,7 @@ class FilterHealth:
             event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.setup is not None:
             self.setup = verdict.setup
-        elif verdict.suspect == IMU_TAGS:
+        elif verdict.suspect in INSTALLATION:
             return Remedy(bank, self._told(event))
         if verdict.suspect == LATE_RATES:
             self.rates_late_s = float(verdict.bank.state[0].rates_late_s)

@@ -34,7 +34,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     EITHER,
     EITHER_OR_LAPSE,
     EITHER_OR_SHOCK,
-    IMU_TAGS,
+    INSTALLATION,
     LAPSE,
     RATES,
     RISEN2,
@@ -369,7 +369,7 @@ class Hindsight:
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter is at the last epoch."""
-        if verdict.suspect == IMU_TAGS:
+        if verdict.suspect in INSTALLATION:
             return verdict
         if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:
             return None

@@ -1,50 +1,77 @@
-"""Time tags that are off: the filter goes on with their offset as a state.
+"""An installation that is not as declared: the filter goes on with its errors as states.
 
-Of inertial tags that is the filter of a minute ago, over the minute again; of GNSS tags, whose jump shows at once, the
-filter as it is.
+Of inertial tags that are off and of a wrong lever arm that is the filter of a minute ago, over the minute again; of
+GNSS tags, whose jump shows at once, the filter as it is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 
 import numpy as np
 
 from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict
 from insgnss.filter.diagnosis.resetting import inflate_bias_covariance
-from insgnss.filter.diagnosis.supposed_faults import quiet, with_errors_that_last
+from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LEVER, quiet, with_errors_that_last
 from insgnss.filter.layout import Layout
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import OFFSETS, Bank, SlowErrors, new_bank
-from insgnss.filter.states.imu_time import to_imu_time
+from insgnss.filter.states.imu_time import IMU_TIME, to_imu_time
+from insgnss.filter.states.lever_arm import LEVER_ARM, hang_from_antenna
 from insgnss.inertial.sensor_model import sensor_model
 
 
-def with_offset_state(tags: Verdict, again: Hindsight) -> Verdict:
-    """Return a verdict on inertial tags with the filter that estimates their offset, at the last epoch.
+def wrong_lever_arm(again: Hindsight) -> list[Verdict]:
+    """Return the result for a lever arm whose error is unknown."""
+    if not again.setup.may_estimate_lever_arm:
+        return []
+    run, bank = _widened(again, again.setup.with_lever_arm())
+    verdict = run.verdict(LEVER, bank, run.stretches)
+    return [] if verdict is None else [verdict]
 
-    The wrong tags have spoilt attitude and biases: these begin uncertain, as after a reset. If the rerun fails, or the
-    filter has no room for the state, the verdict is returned as it is.
+
+def with_installation_states(found: Verdict, again: Hindsight, suspects: Mapping[str, Verdict]) -> Verdict:
+    """Return a verdict with the filter that estimates the ``suspects``, at the last epoch.
+
+    The wrong installation has spoilt attitude and biases: these begin uncertain, as after a reset. If the rerun fails,
+    or the filter has no room for the states, the verdict is returned as it is.
     """
-    if not again.setup.may_estimate_imu_time:
-        return tags
-    setup = again.setup.with_imu_time(early=tags.size < 0.0)
-    bank = with_further_states(again.oldest(), again.setup.layout, setup.layout)
+    setup = again.setup
+    if IMU_TAGS in suspects and setup.may_estimate_imu_time:
+        setup = setup.with_imu_time(early=suspects[IMU_TAGS].size < 0.0)
+    if LEVER in suspects and setup.may_estimate_lever_arm:
+        setup = setup.with_lever_arm()
+    if setup is again.setup:
+        return found
+    run, bank = _widened(again, setup)
+    inflate_bias_covariance(
+        bank.state[0], bank.P[0], sensor_model(setup.grade, setup.layout.names), setup.layout
+    )
+    if run.until(bank, again.now_ns) is None:
+        return found
+    return found._replace(bank=bank, setup=setup)
+
+
+def _widened(again: Hindsight, setup: FilterSetup) -> tuple[Hindsight, Bank]:
+    """Return a rerun with the states of a wider setup, and its oldest filter."""
+    before, layout = again.setup.layout, setup.layout
+    bank = with_further_states(again.oldest(), before, layout)
     m, P = bank.state[0], bank.P[0]
-    inflate_bias_covariance(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)
-    to_imu_time(m, P, setup.layout)
+    if before.at(LEVER_ARM) < 0:
+        hang_from_antenna(m, P, m.w_last, layout)
+    if before.at(IMU_TIME) < 0:
+        to_imu_time(m, P, layout)
     run = copy(again)
     run.setup = setup
     run.parameters = with_errors_that_last(quiet(setup.parameters()), again.past.banks[0])
-    if run.until(bank, again.now_ns) is None:
-        return tags
-    return tags._replace(bank=bank, setup=setup)
+    return run, bank
 
 
 def with_gnss_time(bank: Bank, setup: FilterSetup) -> tuple[Bank, FilterSetup]:
     """Return a filter and its setup with the unknown offset of the GNSS tags; as they are where that is not possible.
 
-    The epochs that showed the jump have used no row.
+    The epochs that showed the jump have used no pseudorange.
     """
     if not setup.may_estimate_gnss_time:
         return bank, setup

@@ -19,7 +19,8 @@ from insgnss.status import DRIFTING, USED
 from insgnss.tables import Float64
 
 EITHER = "accelerometer or gyro"
-SATELLITES, IMU_TAGS = "satellites", "imu tags"
+SATELLITES, IMU_TAGS, LEVER = "satellites", "imu tags", "lever arm"
+INSTALLATION: Final = (IMU_TAGS, LEVER)  # at constant speed one looks like the other along the way
 RATES = "range rates"  # of all satellites
 LATE_RATES = "late range rates"  # of all satellites
 FURTHER_SENSOR = "further sensor"

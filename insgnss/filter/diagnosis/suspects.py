@@ -34,13 +34,14 @@ from insgnss.filter.diagnosis.further_sensors import sensors_in_question, withou
 from insgnss.filter.diagnosis.hindsight import NOISY, WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
 from insgnss.filter.diagnosis.late_rates import late_rates
-from insgnss.filter.diagnosis.offset_state import with_offset_state
+from insgnss.filter.diagnosis.offset_state import with_installation_states, wrong_lever_arm
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     CLEAR,
     FURTHER_SENSOR,
     IMU_TAGS,
     INERTIAL_NOISE,
+    INSTALLATION,
     LAPSE,
     LATE_RATES,
     LOG_PRIOR,
@@ -223,7 +224,8 @@ def every_fault(again: Hindsight) -> list[Verdict]:
             pool.submit(again.sensor, each) for each in (*jumps, SHOCK, LAPSE, INERTIAL_NOISE, NOISE, RATES)
         ]
         others = [
-            pool.submit(list[Verdict], verdicts_of(again)) for verdicts_of in (other_imu_tags, late_rates)
+            pool.submit(list[Verdict], verdicts_of(again))
+            for verdicts_of in (other_imu_tags, late_rates, wrong_lever_arm)
         ]
         others += [
             pool.submit(list[Verdict], wrong_sensor(again, kind)) for kind in sensors_in_question(again)
@@ -251,7 +253,7 @@ def judge(
         return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in ranking if each.best.fits]
     # noise would not name late tags; rates that lag by much are uncertain by much, which explains noise, too
-    if _explains_most(ranking, IMU_TAGS, INERTIAL_NOISE):
+    if any(_explains_most(ranking, each, INERTIAL_NOISE) for each in INSTALLATION):
         fitting, ranking = _without(fitting, INERTIAL_NOISE), _without(ranking, INERTIAL_NOISE)
     elif _explains_most(ranking, INERTIAL_NOISE, LATE_RATES):
         fitting, ranking = _without(fitting, LATE_RATES), _without(ranking, LATE_RATES)
@@ -269,9 +271,9 @@ def judge(
         verdict = _filter_of(chosen, again)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        if chosen.suspect == IMU_TAGS:
-            verdict = with_offset_state(verdict, again)
-        return verdict, past.after_verdict(tags_off=chosen.suspect == IMU_TAGS and verdict.setup is None)
+        if chosen.suspect in INSTALLATION:
+            verdict = with_installation_states(verdict, again, {each.suspect: each.best for each in likely})
+        return verdict, past.after_verdict(tags_off=chosen.suspect in INSTALLATION and verdict.setup is None)
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past
@@ -312,7 +314,10 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
         return frozenset(explanation.best.satellites)
     if explanation.suspect == FURTHER_SENSOR:
         return frozenset(explanation.best.kinds)
-    return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
+    groups = {"sensors": SENSORS, "installation": INSTALLATION}
+    return frozenset(
+        next(((name,) for name, of in groups.items() if explanation.suspect in of), (explanation.suspect,))
+    )
 
 
 def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
@@ -326,12 +331,12 @@ def _is_excused(ranking: list[Explanation], past: FilterHistory, again: Hindsigh
     first = ranking[0]
     least = max(SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in ranking)
-    noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, *INSTALLATION))
     noise = noise or (again.noisy_ranges and first.suspect in (RATES, LATE_RATES))
     were_noisy = bool(again.before[0].state["noise_factor"][0, :CARRIER].max() > NOISY)
     noise = noise or (were_noisy and first.suspect == INERTIAL_NOISE)
     # early samples and late range rates look alike
-    late = first.suspect not in (IMU_TAGS, LATE_RATES) and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect not in (*INSTALLATION, LATE_RATES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 
@@ -348,12 +353,18 @@ def shared(likely: list[Explanation]) -> Explanation | None:
 
 
 def _with(chosen: Explanation, ranking: list[Explanation]) -> list[Explanation]:
-    """Return the explanations that contain the chosen fault; noise explains what any inertial sensor does."""
+    """Return the explanations that contain the chosen fault; noise explains what any inertial sensor does.
+
+    A lever arm and inertial tags are one installation: at constant speed they look alike.
+    """
     if chosen.suspect == INERTIAL_NOISE:
         return [each for each in ranking if each.suspect in SENSORS]
+    if chosen.suspect in INSTALLATION:
+        return [each for each in ranking if each.suspect in INSTALLATION]
     return [each for each in ranking if _parts(chosen.best) <= _parts(each.best)]
 
 
 def _parts(verdict: Verdict) -> frozenset[tuple[str, int | str]]:
     parts = verdict.satellites or verdict.axes or verdict.kinds or (0,)
-    return frozenset((verdict.suspect, part) for part in parts)
+    name = "installation" if verdict.suspect in INSTALLATION else verdict.suspect
+    return frozenset((name, part) for part in parts)

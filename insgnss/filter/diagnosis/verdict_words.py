@@ -16,11 +16,14 @@ from insgnss.filter.diagnosis.supposed_faults import (
     IMU_TAGS,
     LAPSE,
     LATE_RATES,
+    LEVER,
     RATES,
     SATELLITES,
     SHOCK,
 )
-from insgnss.filter.state import BA, BG, Bank
+from insgnss.filter.state import BA, BG, OFFSETS, Bank
+from insgnss.filter.states.imu_time import IMU_TIME
+from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
@@ -41,6 +44,8 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         return Event(t_ns, "satellite_suspect", detail)
     if verdict.suspect == IMU_TAGS:
         return Event(t_ns, "time_tag_suspect", _of_tags(verdict))
+    if verdict.suspect == LEVER:
+        return Event(t_ns, "lever_arm_suspect", _of_lever_arm(verdict))
     if verdict.suspect == LATE_RATES:
         late_s = float(verdict.bank.state[0].rates_late_s)
         detail = (
@@ -113,6 +118,22 @@ def _of_tags(verdict: Verdict) -> str:
         f"the inertial time tags are about {size:.2f} s {signs[0]}, or the GNSS tags {signs[1]}: the residuals"
         f" follow the motion; {sigmas}. A lever arm error of"
         f" {along_m:.1f} m along the direction of motion would look the same{rates}"
+    )
+
+
+def _of_lever_arm(verdict: Verdict) -> str:
+    what = "the lever arm of the flight file is wrong: the residuals follow the attitude"
+    if verdict.setup is None:
+        return f"{what}; the sigmas do not include it. Check its order, signs and point of origin"
+    layout, m = verdict.setup.layout, verdict.bank.state[0]
+    at = layout.at(LEVER_ARM)
+    sigma = np.sqrt(verdict.bank.P[0].diagonal()[at : at + 3])
+    error = zip(m.optional[at - OFFSETS : at - OFFSETS + 3], sigma, "forward right down".split(), strict=True)
+    add = ", ".join(f"{value:+.1f} (sigma {own:.1f}) {axis}" for value, own, axis in error)
+    tags = " and that of the inertial tags, which looks alike" if layout.at(IMU_TIME) >= 0 else ""
+    return (
+        f"{what}. To be added to it, in metres: {add}. The last minute is recomputed with this error{tags} as a state"
+        " (from the start: process.lever_arm_sigma_m). Check the lever arm's order, signs and point of origin"
     )
 
 
