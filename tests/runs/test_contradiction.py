@@ -12,11 +12,9 @@ import pytest
 import insgnss
 from insgnss.config.flight import MountedAntenna
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
-from insgnss.log.flight import Flight, FlightInMemory
 from insgnss.runs.contradiction import KIND, MOST_RESETS, contradiction
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import ImuTable
-from tests.filter.test_engine import shortened
 from tests.runs.scenes import START_NS, after, flight, kinds, position_error_m, turns
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
@@ -68,17 +66,6 @@ def test_resets_and_refusals_are_signs_each() -> None:
     often = pd.DataFrame({"kind": ["reset", "restart", *["reset"] * MOST_RESETS]})
     (told,) = contradiction(often, NO_ROWS, counts // 2, 7)
     assert told.detail.startswith("the filter was reset 3 times: ")
-
-
-def test_lever_arm_that_is_metres_off_is_told_at_the_end() -> None:
-    """Each turn of six minutes contradicts it, one sensor after the other is blamed; four minutes are too short."""
-    flown = Flight.load(SAMPLE)
-    logs = shortened(flown.read(), 340.0)
-    gnss = flown.config.gnss.model_copy(update={"lever_arm_m": (-3.0, 4.0, -1.1)})
-    config = flown.config.model_copy(update={"gnss": gnss})
-    wrong = FlightInMemory(flown.path, config, flown.imu_grade, flown.oscillator, logs)
-    last = insgnss.replay(wrong).events.iloc[-1]
-    assert last["kind"] == KIND and "lever arm" in last["detail"]
 
 
 def test_imu_upside_down_that_hides_all_satellites_is_told_at_the_end() -> None:

@@ -213,6 +213,37 @@ def _late_doppler() -> Row:
     )
 
 
+def _lever_arms() -> tuple[Row, ...]:
+    """A lever arm shows where the vehicle turns: in town within 40 s, in the flight's second or third turn."""
+    checks = (*honest("from then on", limit=SIGMAS), REPORTED, NUMBERS, QUIET, NO_FALSE_HEADING)
+    return (
+        Row(
+            "fault_lever_arm_car",
+            "the lever arm is declared 1 m too far to the right: a car in town",
+            scenario("wrong lever arm", *TO_KNOWN, *CORNERS, *CORNERS, *CORNERS),
+            checks,
+            "industrial",
+            gnss_rate_hz=5.0,
+            origin_s=TO_KNOWN_S,
+            windows={"from then on": (60.0, np.inf)},
+            lever_off_m=(0.0, 1.0, 0.0),
+            fault=True,
+            event="lever_arm_suspect",
+        ),
+        _row(
+            "fault_lever_arm",
+            "the lever arm is declared 2 m too far to the right: a flight",
+            lambda case, at_s, rng: case,
+            checks[:4],
+            origin_s=0.0,
+            spread_s=0.0,
+            windows={"from then on": (330.0, np.inf)},
+            lever_off_m=(0.0, 2.0, 0.0),
+            event="lever_arm_suspect",
+        ),
+    )
+
+
 def _times() -> tuple[Row, ...]:
     return (
         _row(
@@ -345,4 +376,5 @@ def fault_rows() -> tuple[Row, ...]:
         _late_doppler(),
         *_measurements(),
         *_times(),
+        *_lever_arms(),
     )

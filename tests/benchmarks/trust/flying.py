@@ -151,7 +151,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
         imu=ImuConfig(files=(Path("imu.csv"),), grade=made.grade),
         gnss=Gnss(
             files=(Path("gnss.csv"),),
-            lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),
+            lever_arm_m=tuple((np.array(made.receiver.lever_arm_b) + row.lever_off_m).tolist()),
             oscillator=made.oscillator,
             antenna=ready.antennas,
             slow_errors=ready.slow_errors,

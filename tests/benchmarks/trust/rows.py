@@ -99,6 +99,7 @@ class Row:
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # seconds after the origin
     measures: Mapping[str, Measure] = field(default_factory=dict)
     spoil: Spoiler | None = None
+    lever_off_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # by which the declared lever arm is wrong
     # of looks and windows: where the fault begins; it moves by ``spread_s`` from seed to seed
     origin_s: float = 0.0
     spread_s: float = 0.0
