@@ -214,7 +214,7 @@ def _late_doppler() -> Row:
 
 
 def _lever_arms() -> tuple[Row, ...]:
-    """A lever arm shows where the vehicle turns: in town within 40 s, in the flight's second or third turn."""
+    """A lever arm shows where the vehicle turns: in town within 40 s, in the flight after the third or fourth turn."""
     checks = (*honest("from then on", limit=SIGMAS), REPORTED, NUMBERS, QUIET, NO_FALSE_HEADING)
     return (
         Row(
@@ -224,8 +224,7 @@ def _lever_arms() -> tuple[Row, ...]:
             checks,
             "industrial",
             gnss_rate_hz=5.0,
-            origin_s=TO_KNOWN_S,
-            windows={"from then on": (60.0, np.inf)},
+            windows={"from then on": (TO_KNOWN_S + 60.0, np.inf)},
             lever_off_m=(0.0, 1.0, 0.0),
             fault=True,
             event="lever_arm_suspect",
@@ -237,7 +236,7 @@ def _lever_arms() -> tuple[Row, ...]:
             checks[:4],
             origin_s=0.0,
             spread_s=0.0,
-            windows={"from then on": (330.0, np.inf)},
+            windows={"from then on": (430.0, np.inf)},
             lever_off_m=(0.0, 2.0, 0.0),
             event="lever_arm_suspect",
         ),
