@@ -99,7 +99,7 @@ def test_demo_needs_no_file_and_its_flight_is_the_sample(tmp_path: Path) -> None
     first = said("demo", "--output", str(out))
 
     assert first.exit_code == 0, first.output
-    assert "estimate against reference" in first.stdout and str(out / "report.html") in first.stdout
+    assert "estimate minus reference" in first.stdout and str(out / "report.html") in first.stdout
     sample = REPOSITORY / "data" / "sample_flight"
     for name in ("flight.toml", "gnss.csv", "nav.rnx"):  # the last digit of a rate is not that of every NumPy
         assert (out / "flight" / name).read_bytes() == (sample / name).read_bytes()

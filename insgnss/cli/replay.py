@@ -217,8 +217,8 @@ def _accuracy_table(run: Run) -> Table:
     known_s = run.heading_known_s()
     if known_s is not None and run.errors is not None and not known_s <= run.errors["time_s"].max():
         known_s = None  # the summary is of the whole reference then
-    since = "" if known_s is None else f", from the heading known at {known_s:.1f} s"
-    title = f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
+    since = "" if known_s is None else f", once the heading is known ({known_s:.1f} s)"
+    title = f"estimate minus reference{since}" if run.errors is not None else "sigma (no reference)"
     rows: list[tuple[str, ...]] = []
     if run.errors is None or run.errors.empty:
         for name in run.nav.columns:
@@ -246,9 +246,9 @@ def _measurement_table(run: Run) -> Table:
     nis = run.nis_summary()
     if run.heading_known_s() is not None:
         counted = [str(int(nis["used"][kind])) if kind in nis.index else "0" for kind in kinds]
-        table.add_row("used since the heading is known", *counted)
-    table.add_row("their mean NIS (1)", *_nis(nis, kinds, "mean_nis"))
-    table.add_row("their share below the 95 % bound", *_nis(nis, kinds, "share_95"))
+        table.add_row("used with known heading", *counted)
+    table.add_row("mean NIS (ideally 1)", *_nis(nis, kinds, "mean_nis"))
+    table.add_row("share below the 95 % bound", *_nis(nis, kinds, "share_95"))
     return table
 
 
