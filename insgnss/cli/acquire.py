@@ -14,7 +14,7 @@ from insgnss.cli.progress import telling
 
 
 def acquire(
-    recording: Annotated[Path, typer.Argument(help="A file of raw samples without a header.")],
+    recording: Annotated[Path, typer.Argument(help="A file of raw samples; see --skip if it has a header.")],
     rate: Annotated[float, typer.Option("--rate", help="Samples per second.")],
     intermediate: Annotated[
         float, typer.Option("--intermediate", help="Frequency of the L1 carrier in the samples, Hz.")
@@ -24,7 +24,9 @@ def acquire(
     ] = False,
     sample_type: Annotated[str, typer.Option("--type", help="'int8' or 'int16'.")] = "int8",
     order: Annotated[str, typer.Option("--order", help="'iq' or 'qi'.")] = "iq",
-    skip: Annotated[int, typer.Option("--skip", help="Bytes of the header, to be skipped.")] = 0,
+    skip: Annotated[
+        int, typer.Option("--skip", help="Number of bytes to skip at the start of the file, as of a header.")
+    ] = 0,
     start: Annotated[
         float, typer.Option("--start", help="Start of the search, in seconds of the recording.")
     ] = 0.0,
@@ -46,7 +48,7 @@ def acquire(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Search a recording of GPS L1 for all satellites: a first look at any receiver's raw samples."""
+    """Search a recording of GPS L1 samples for all satellites; list C/N0, Doppler and code delay."""
     began = time.perf_counter()
     with own_errors_told():
         from insgnss.log.iq_file import IqFile

@@ -27,9 +27,7 @@ def allan(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option(
-            "--like", help="A grade of the library that supplies the terms which a log at rest does not show."
-        ),
+        typer.Option("--like", help="Library grade for the terms that a log at rest cannot show."),
     ] = None,
     first: Annotated[
         float | None, typer.Option("--from", help="Start of the stationary part, seconds of the week.")

@@ -27,7 +27,9 @@ def campaign(
     campaign: Annotated[str, typer.Argument(help="A campaign file (.toml), or a name in models/campaigns.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="Folder of the results; a campaign that is there is continued."),
+        typer.Option(
+            "--output", "-o", help="Folder of the results; an unfinished campaign in it is resumed."
+        ),
     ],
     workers: Annotated[
         int | None,
@@ -50,7 +52,7 @@ def campaign(
     ] = "case",
     as_json: AsJson = False,
 ) -> None:
-    """Run a campaign or the rest of it, write one Parquet file per task, and print a summary of all results."""
+    """Run or resume a campaign, write one Parquet file per task, and print a summary of all results."""
     began = time.perf_counter()
     with own_errors_told():
         from insgnss.studies.campaign.results import failures, summary, with_parameters

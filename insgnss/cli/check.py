@@ -68,7 +68,7 @@ def check(
     else:
         for line in report.lines():
             typer.echo(line)
-        end = "nothing was written" if written is None else f"wrote {written}: look at it, then check it"
+        end = "nothing was written" if written is None else f"wrote {written}: read it, then check it"
         if write is None and sure:
             end += "; --write corrected.toml writes a flight file with the proposals"
         if write is not None and not report.proposals:

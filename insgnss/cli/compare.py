@@ -26,7 +26,8 @@ def compare(
         list[Path], typer.Argument(help="Saved runs (their folders); the others are compared with the first.")
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The page; without it none is written.")
+        Path | None,
+        typer.Option("--output", "-o", help="Path of the comparison page; without it none is written."),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,

@@ -31,7 +31,7 @@ def demo(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate a flight of 20 minutes, replay it against its truth, and draw the page of the run."""
+    """Simulate a flight of 20 minutes, replay it against its truth, and write its report page."""
     began = time.perf_counter()
     give_back_what_is_freed()
     with own_errors_told(), overwriting(force):

@@ -22,7 +22,8 @@ StudyFolder: TypeAlias = Annotated[
     typer.Option("--output", "-o", help="Folder for tables and pictures; without it nothing is saved."),
 ]
 RunPage: TypeAlias = Annotated[
-    Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
+    Path | None,
+    typer.Option("--report", help="Also write the report page to this path, as 'insgnss report' does."),
 ]
 Pictures: TypeAlias = Annotated[bool, typer.Option(help="Draw the pictures.")]
 FormatName: TypeAlias = Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")]

@@ -25,7 +25,7 @@ def iq(
     scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     loss: Annotated[
         list[float] | None,
-        typer.Option("--loss", help="Loss in dB of every C/N0; repeatable, one run for each."),
+        typer.Option("--loss", help="Loss in dB, subtracted from every C/N0; repeatable, one run for each."),
     ] = None,
     receiver: Annotated[
         list[str] | None, typer.Option("--receiver", "-r", help="'aided' or 'unaided'; both by default.")
@@ -38,7 +38,9 @@ def iq(
         Path | None, typer.Option("--record", help="Write the samples to this file and run no receiver.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
-    threads: Annotated[int, typer.Option("--threads", min=1, help="Receivers at the same time.")] = 2,
+    threads: Annotated[
+        int, typer.Option("--threads", min=1, help="Number of receivers that run in parallel.")
+    ] = 2,
     output: StudyFolder = None,
     pictures: Pictures = True,
     force: Force = False,

@@ -104,7 +104,10 @@ def margin(
         ),
     ] = None,
     lasting: Annotated[
-        float, typer.Option("--acceleration-time", "--lasting", help="Its correlation time, in seconds.")
+        float,
+        typer.Option(
+            "--acceleration-time", "--lasting", help="Correlation time of that acceleration, in seconds."
+        ),
     ] = 5.0,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Also find the thresholds of the discriminators by simulation.")

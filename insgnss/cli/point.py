@@ -50,7 +50,7 @@ def point(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
+    """Solve each GNSS epoch independently: position, velocity, clocks, DOP, residuals, fault exclusion."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force):
         form = table_form(format)

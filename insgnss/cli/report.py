@@ -19,7 +19,7 @@ def report(
     run: SavedRun,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The page; by default report.html in the run's folder."),
+        typer.Option("--output", "-o", help="Path of the page; by default report.html in the run's folder."),
     ] = None,
     figures: Annotated[
         Path | None,
@@ -31,7 +31,7 @@ def report(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write the page of a run: summary, map, errors, satellites, innovations, events, settings."""
+    """Write the report page of a run: summary, map, errors, satellites, innovations, events, settings."""
     began = time.perf_counter()
     place = run / "report.html" if output is None else output
     with own_errors_told(), overwriting(force, run_files(run)):

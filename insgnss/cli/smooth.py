@@ -27,7 +27,7 @@ def smooth(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the filter forward and the smoother back over a flight's logs, for post-processing.
+    """Run the filter forward and the smoother backward over a flight's logs, for post-processing.
 
     By default there is one row per GNSS epoch, and so none inside an outage: ask for others with --rate or --times.
     """

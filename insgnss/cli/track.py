@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _MOST_INTEGRATIONS = 1e7  # of all channels together: about 1.5 GB while they run
 _FREQUENCY = "Bandwidth of the assisting frequency loop in Hz; 0: none."
-_WANDER = "Wandering frequency of oscillator and aiding, one-sided density S in rad^2/s^3."
+_WANDER = "Frequency random walk of oscillator and aiding: one-sided density S in rad^2/s^3."
 
 
 def track(
@@ -39,7 +39,7 @@ def track(
     discriminator: Annotated[
         str, typer.Option("--discriminator", "-d", help="Phase discriminator: atan, iq, sign, q, atan2.")
     ] = "atan",
-    spacing: Annotated[float, typer.Option("--spacing", help="From early to late, in chips.")] = 1.0,
+    spacing: Annotated[float, typer.Option("--spacing", help="Early-to-late spacing, in chips.")] = 1.0,
     acceleration: Annotated[
         float, typer.Option("--acceleration", help="Along the line of sight, m/s^2.")
     ] = 0.0,

@@ -59,7 +59,7 @@ def visibility(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Report which satellites antennas and airframe hid, when, and the loss of geometry."""
+    """Report which satellites the antennas and the airframe hid, when, and how much DOP degraded."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(source), output):
         form = table_form(format)

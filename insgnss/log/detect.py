@@ -81,7 +81,7 @@ _ANDROID: Final = re.compile(
 def detect_format(path: Path) -> Format:
     """Return the format of a file (plain or gzipped).
 
-    Blocks with valid check sums identify a binary format; of two formats the one with more bytes counts.
+    Blocks with valid checksums identify a binary format; of two formats the one with more bytes counts.
 
     Raises
     ------
@@ -142,12 +142,12 @@ def _no_log(path: Path, what: str, key: str) -> InputError:
 
 
 def _framed_bytes(frames: UbxFrames | NovatelFrames) -> int:
-    """Return how many bytes lie in frames with a sound check sum."""
+    """Return how many bytes lie in frames with a valid checksum."""
     return len(frames.data) - frames.foreign_bytes if frames.count else 0
 
 
 def _sbf_bytes(data: bytes) -> int:
-    """Return how many bytes lie in SBF blocks with a sound check sum, the least that the blocks can have."""
+    """Return how many bytes lie in SBF blocks with a valid checksum, the least that the blocks can have."""
     blocks = find_blocks(data)
     known = (
         int.from_bytes(data[at + 6 : at + 8], "little") for starts in blocks.starts.values() for at in starts
@@ -156,13 +156,13 @@ def _sbf_bytes(data: bytes) -> int:
 
 
 def _rtcm_bytes(data: bytes) -> int:
-    """Return how many bytes lie in RTCM 3 frames with a sound check sum (CRC-24Q)."""
+    """Return how many bytes lie in RTCM 3 frames with a valid checksum (CRC-24Q)."""
     total, tries, at = 0, _RTCM_TRIES, data.find(_RTCM_PREAMBLE)
     while 0 <= at <= len(data) - _RTCM_FRAMING and tries:
         tries -= 1
         length = int.from_bytes(data[at + 1 : at + 3], "big")
         end = at + _RTCM_FRAMING + length
-        # six reserved bits above the ten of the length; a CRC over a frame and its check sum is zero
+        # six reserved bits above the ten of the length; a CRC over a frame and its checksum is zero
         if (
             length < 1 << 10
             and end <= len(data)
@@ -185,11 +185,11 @@ def _looks_like(data: bytes) -> str:
         if data.startswith(magic):
             return f"this is packed by {packing}: unpack it (gzip, zip and .Z are read as they are)"
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
-        return "this begins like NMEA, but no sentence of it has a sound check sum"
+        return "this begins like NMEA, but no sentence of it has a valid checksum"
     if data[:1] == _RTCM_PREAMBLE:
-        return "this begins like RTCM 3, but no frame of it has a sound check sum"
+        return "this begins like RTCM 3, but no frame of it has a valid checksum"
     if _NOVATEL_ASCII.match(data.lstrip()):
-        return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
+        return "this begins like NovAtel ASCII, but no message of it has a valid checksum"
     if data.startswith(UTF16_MARKS):
         return "this is text in UTF-16: save it in UTF-8"
     if len(data.translate(None, _CONTROL)) < (1.0 - _MOST_CONTROL) * len(data):

@@ -84,7 +84,7 @@ def framing_events(file: FrameSearch, protocol: str, unit: str, foreign: str, si
     foreign : what the bytes between the frames are, behind "of n bytes are"
     size : of the file [bytes]
     """
-    wrong = (f"{file.path}: byte {at}: wrong check sum; {unit} refused" for at in file.bad_checksums)
+    wrong = (f"{file.path}: byte {at}: wrong checksum; {unit} refused" for at in file.bad_checksums)
     events = first_events(f"{protocol}_checksum", wrong, file.path, f"{unit}s refused")
     if file.cut_at is not None:
         detail = f"{file.path}: byte {file.cut_at}: the file ends within a {unit}"

@@ -27,7 +27,7 @@ FLIGHT_FILE: Final = "flight.toml"
 _LEVER_ARM: Final = "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down"
 _SAMPLING: Final = {
     False: 'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
-    True: 'sampling = "mean"  # the sensor sends what it has summed up since its last sample',
+    True: 'sampling = "mean"  # the sensor sends the mean since its last sample',
 }
 
 
@@ -159,7 +159,7 @@ def _sensor_lines(samples: FurtherSamples, log: ReceiverLog) -> list[str]:
         why = "Remove the marks below unless the cabin is pressurised."
     elif samples.kind == HEADING:
         why = "Remove the marks below and declare how its antennas lie in the vehicle."
-        lines.append("offset_deg = 0.0  # DECLARE: is added: the vehicle's heading minus that of the log")
+        lines.append("offset_deg = 0.0  # DECLARE: the vehicle's heading minus that of the log")
         if not samples.has_sigmas:
             lines.append("sigma_deg = 1.0  # DECLARE: the log states none")
     else:
@@ -178,7 +178,7 @@ def _reference_lines(log: ReceiverLog) -> list[str]:
     if log.solution is None:
         return []
     # a phone's is not scored tightly
-    mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
+    mark = " (quality 2: a rough reference)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
     lines = [
         "[reference]",
         f'file = "{REFERENCE_FILE}"',

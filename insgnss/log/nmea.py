@@ -4,7 +4,7 @@ NMEA holds no measurements. Its fixes are a reference, quality 2 (no truth), or 
 Sentences in a row with the same time of day are an epoch. Its date is that of its RMC or ZDA, else it follows from the
 last epoch that had one. RMC states speed and direction over ground; NMEA has no vertical velocity. Times are UTC.
 
-Early versions of the standard leave the check sum to the talker. A sentence of an address that never has one is read
+Early versions of the standard leave the checksum to the talker. A sentence of an address that never has one is read
 if its line is whole, with an event; where others of its address have one, a sentence without it was cut.
 """
 
@@ -65,7 +65,7 @@ class _Sentences:
     epochs: list[_NmeaEpoch] = field(default_factory=list)
     others: Counter[str] = field(default_factory=Counter)
     damaged: int = 0
-    unchecked: int = 0  # read without a check sum
+    unchecked: int = 0  # read without a checksum
     without_fix: int = 0
     no_fixes: Counter[str] = field(default_factory=Counter)  # by the quality that GGA states, of those above
 
@@ -89,12 +89,12 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
         _add_file(file_buffer(path).to_pybytes(), sentences)
     fixes = [epoch for epoch in sentences.epochs if epoch.place is not None]
     if len(fixes) < 2:
-        others = listing({f"GGA state a place that is {what}": n for what, n in sentences.no_fixes.items()})
+        others = listing(
+            {f"GGA state a position that is {what}": n for what, n in sentences.no_fixes.items()}
+        )
         advice = "log GGA and RMC, and GST for the sigmas; NMEA holds no raw measurements"
         if others:
-            advice = (
-                "if satellites gave these places, as in the output of a program, write quality 1 into GGA"
-            )
+            advice = "if these are GNSS positions, such as the output of a program, write quality 1 into GGA"
         raise InputError(
             f"the NMEA file holds fewer than two GNSS fixes{': ' if others else ''}{others}",
             file=paths[0],
@@ -119,7 +119,7 @@ def read_nmea(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
 
 
 def nmea_bytes(data: bytes) -> int:
-    """Return how many bytes lie behind the $ of sentences with a sound check sum, or of whole ones without any."""
+    """Return how many bytes lie behind the $ of sentences with a valid checksum, or of whole ones without any."""
     return sum(
         len(body)
         for sound, body in _sentences(data)
@@ -128,7 +128,7 @@ def nmea_bytes(data: bytes) -> int:
 
 
 def _sentences(data: bytes) -> Iterator[tuple[bool | None, bytes]]:
-    """Yield of each sentence whether its check sum holds, None where it has none, and the text that it is of."""
+    """Yield of each sentence whether its checksum holds, None where it has none, and the text that it is of."""
     for match in _SENTENCE.finditer(data):
         stated = match[2]
         sound = None if stated is None else functools.reduce(operator.xor, match[1]) == int(stated, 16)
@@ -271,11 +271,11 @@ def _gps_times(epochs: list[_NmeaEpoch], date: dt.date | None, file: Path) -> In
 
 def _events(sentences: _Sentences, by_model: int, file: str) -> list[Event]:
     unchecked = (
-        "sentences without a check sum read: damage that leaves them whole stays unnoticed; have the receiver or"
-        " logger write check sums"
+        "sentences without a checksum read: damage that leaves them whole stays unnoticed; have the receiver or"
+        " logger write checksums"
     )
     without = "sentences without a time or a fix of satellites left out"
-    damaged = "sentences with a wrong check sum, cut or unreadable left out"
+    damaged = "sentences with a wrong checksum, cut or unreadable left out"
     events = [
         not_independent("GGA and RMC, the receiver's fixes"),
         *counted("nmea_geoid", by_model, "fixes state no height of the geoid: that of EGM96 is taken"),

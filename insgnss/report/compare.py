@@ -38,7 +38,7 @@ class ComparedSpan(NamedTuple):
     is_settled: bool  # all runs know the heading from its beginning on
 
     def __str__(self) -> str:
-        known = ", from when all of them knew the heading" if self.is_settled else ""
+        known = ", once all of them knew the heading" if self.is_settled else ""
         return f"{self.begin_s:.1f} to {self.end_s:.1f} s, the time that all runs have in common{known}"
 
 

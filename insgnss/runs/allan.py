@@ -259,7 +259,7 @@ def _check_rest(values: Float64, step_s: float, limit: float, sensor: str) -> No
     if off.max() > limit:
         moved_s = int(np.argmax(off > limit)) * per_second * step_s
         raise InputError(
-            f"the {sensor} moves {moved_s:.0f} s after the log's beginning: an Allan deviation needs rest",
+            f"the {sensor} moves {moved_s:.0f} s after the start of the log: an Allan deviation needs a sensor at rest",
             advice="name a resting part with --from and --to",
         )
 
@@ -290,7 +290,9 @@ def _grade(
     measured = {key: float(f"{value:.5g}") for key, value in measured.items()}
     about = f"Allan deviation of {duration_s:.0f} s at rest"
     if like is None:
-        note = f"{about}; turn-on biases from the means (Earth's rate taken off, standard gravity); no scale factors"
+        note = (
+            f"{about}; turn-on biases from the means (less Earth rate and standard gravity); no scale factors"
+        )
         return ImuGrade(**measured, source=note)
     noise = {
         key: value for key, value in measured.items() if key not in ("gyro_bias_deg_per_h", "accel_bias_mg")

@@ -39,11 +39,11 @@ _SHARE_POSITION: Final = 1.0 / 64.0
 _NAMED: Final = 3  # of the refused times
 _TOLERANCE_S: Final = 1e-6
 _ADVICE: Final = (
-    "replay(..., output=times) carries the filter itself to each time; so do rows at a higher rate"
+    "replay with output=times, which propagates the filter to each time, or with rows at a higher rate"
 )
 _NO_FILTER: Final = (
     "the inertial samples have a gap there, or the filter restarted: only a smoothed replay has rows before the next"
-    " fix, and none without samples"
+    " fix; no run has rows where samples are missing"
 )
 
 

@@ -105,7 +105,7 @@ class MatchedFlight(ResultDisplay):
     def _about(self) -> Iterator[str]:
         scenario = self.simulator.scenario
         yield f"{scenario.duration_s:g} s at {scenario.imu_rate_hz:g} Hz"
-        yield f"{len(self.simulator.tag_s)} GNSS epochs, {len(self.looks)} of them looked at"
+        yield f"{len(self.simulator.tag_s)} GNSS epochs, {len(self.looks)} of them evaluated"
 
     @classmethod
     def of(

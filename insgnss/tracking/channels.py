@@ -67,7 +67,7 @@ class ChannelDesign:
     def __post_init__(self) -> None:
         if self.code.order > 2 or self.code.step_s != self.carrier.step_s:
             advice = "give both loops one interval, and the code loop order 1 or 2"
-            raise ConfigError("code and carrier loop do not fit", key="code", advice=advice)
+            raise ConfigError("code and carrier loop do not match", key="code", advice=advice)
         require_known(self.frequency_kind, FREQUENCY_KINDS, "frequency_kind", "frequency discriminator")
         assisted = bool(np.any(self.carrier.rate_gains))
         if assisted != (self.frequency_kind != _NO_ASSISTANCE):
@@ -75,7 +75,7 @@ class ChannelDesign:
                 "take a loop of assisted_filter or frequency_filter and a frequency discriminator, or neither"
             )
             raise ConfigError(
-                "frequency assistance is half there: gains and discriminator do not fit",
+                "frequency assistance is incomplete: gains and discriminator do not match",
                 key="frequency_kind",
                 advice=advice,
             )
@@ -153,15 +153,15 @@ def scene(
     phase = np.asarray(phase_rad, float)
     if phase.ndim != 2 or phase.shape[0] < 2 or not np.all(np.isfinite(phase)):
         advice = "give finite phases (n + 1, m): borders of the integrations by channels"
-        raise ConfigError(f"phases of shape {phase.shape} are not a scene", key="phase_rad", advice=advice)
+        raise ConfigError(f"invalid phases of shape {phase.shape}", key="phase_rad", advice=advice)
     n, m = phase.shape[0] - 1, phase.shape[1]
     cn0 = np.array(np.broadcast_to(np.asarray(cn0_dbhz, float), (n, m)))
     if not np.all((cn0 >= CN0_SPAN_DBHZ[0]) & (cn0 <= CN0_SPAN_DBHZ[1])):
         advice = "give C/N0 in dBHz, between {:g} and {:g}, for every integration".format(*CN0_SPAN_DBHZ)
-        raise ConfigError("C/N0 of the scene makes no sense", key="cn0_dbhz", advice=advice)
+        raise ConfigError("C/N0 is out of range", key="cn0_dbhz", advice=advice)
     signs = np.ones((n, m), np.int8) if sign is None else np.asarray(sign, np.int8)
     if signs.shape != (n, m) or not np.all(np.abs(signs) == 1):
-        raise ConfigError("signs do not fit", key="sign", advice=f"give +1 or -1, shaped {(n, m)}")
+        raise ConfigError("invalid signs", key="sign", advice=f"give +1 or -1, shaped {(n, m)}")
     return ChannelSignals(phase, (phase - phase[0]) * chips_per_radian, cn0, signs)
 
 

@@ -45,7 +45,9 @@ def phase_lock(prompt: Complex, block: int, blocks: int = 1, unbiased: bool = Tr
     if not unbiased:
         return np.asarray(difference / total)
     if block < 2:
-        raise ConfigError("one integration has no noise of its own", key="block", advice="sum at least two")
+        raise ConfigError(
+            "a single integration does not show its noise", key="block", advice="sum at least two"
+        )
     noise_free = (total - (np.abs(Z) ** 2).sum(axis=(1, 2))) * block / (block - 1.0)
     return np.asarray(difference / noise_free)
 

@@ -123,7 +123,7 @@ def spin_limit_hz(
     above = np.flatnonzero([excess(x) >= 0.0 for x in grid])
     if above.size == 0 or above[0] == 0:
         raise ConfigError(
-            f"the swing of {amplitude:.3g} rad has no limit of {limit_rad:.3g} rad with this loop",
+            f"at no spin rate does a swing of {amplitude:.3g} rad cause an error of {limit_rad:.3g} rad in this loop",
             key="limit_rad",
             advice="no limit is needed where the swing is smaller; otherwise check the gains",
         )

@@ -174,7 +174,7 @@ def _clocks(sp3: bytes) -> Callable[[Path], None]:
 def _resealed(
     read: Callable[[Sequence[Path]], ReceiverLog], seal: Callable[[bytes], bytes]
 ) -> Callable[[Path], None]:
-    """Return a reader of files whose damage no check sum tells."""
+    """Return a reader of files whose damage no checksum tells."""
 
     def read_sealed(path: Path) -> None:
         path.write_bytes(seal(path.read_bytes()))

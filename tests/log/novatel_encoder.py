@@ -1,6 +1,6 @@
 """Writes NovAtel OEM messages field by field, as the OEM7 manual lists them: the source of the tests.
 
-Independent of the reader: ``struct`` codes and a check sum computed bit by bit.
+Independent of the reader: ``struct`` codes and a checksum computed bit by bit.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def short(kind: int, body: bytes, tow_s: float = TOW_S, week: int = WEEK) -> byt
 
 
 def resealed(data: bytes) -> bytes:
-    """Return the bytes with the check sums of all messages made right again: damage that no check sum tells."""
+    """Return the bytes with the checksums of all messages made right again: damage that no checksum tells."""
     out, at = bytearray(data), 0
     while at + 12 <= len(out):
         if out[at : at + 3] == b"\xaa\x44\x12":

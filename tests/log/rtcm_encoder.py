@@ -1,6 +1,6 @@
 """Writes RTCM 3 messages from physical numbers, bit by bit as RTCM 10403.3 lists the fields: the source of the tests.
 
-Independent of the reader: bits as text, a check sum computed bit by bit.
+Independent of the reader: bits as text, a checksum computed bit by bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def frame(bits: str) -> bytes:
 
 
 def resealed(data: bytes) -> bytes:
-    """Return the bytes with the check sums of all frames made right again: damage that no check sum tells."""
+    """Return the bytes with the checksums of all frames made right again: damage that no checksum tells."""
     out, at = bytearray(data), 0
     while at + 6 <= len(out):
         end = at + 3 + (int.from_bytes(out[at + 1 : at + 3], "big") & 1023)

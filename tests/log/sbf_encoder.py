@@ -1,6 +1,6 @@
 """Writes SBF blocks from physical numbers, field by field as the reference guide lists them: the source of the tests.
 
-Independent of the reader: ``struct`` codes and a check sum computed bit by bit.
+Independent of the reader: ``struct`` codes and a checksum computed bit by bit.
 """
 
 from __future__ import annotations

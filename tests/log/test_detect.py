@@ -57,7 +57,7 @@ def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format
 @pytest.mark.parametrize(
     ("data", "hint"),
     [
-        (b"$GPGGA,123519,4807.038,N*48\r\n", "NMEA.*check sum"),
+        (b"$GPGGA,123519,4807.038,N*48\r\n", "NMEA.*checksum"),
         (b"\xd3\x00\x13\x3e", "RTCM"),
         (b"time_s,sv\n1,G05\n", "CSV"),
         (b"time_s,sv\n1,G05\n" * 10 + b"\x00", "CSV"),

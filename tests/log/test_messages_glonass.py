@@ -1,4 +1,4 @@
-"""GLONASS strings written bit by bit by table 4.5 of the ICD, with the check sums of its section 4.7."""
+"""GLONASS strings written bit by bit by table 4.5 of the ICD, with the checksums of its section 4.7."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from insgnss.log.messages.glonass_strings import GlonassMessages, parity_holds
 TB_QUARTERS = 63
 T_NS = datetime_to_ns(dt.datetime(2023, 6, 29, 12, 45, 18))
 NEAR_NS = T_NS - 240 * NS_PER_S
-# Data bits of each check sum, as the ICD lists them
+# Data bits of each checksum, as the ICD lists them
 C1 = {9, 10, 12, 13, 15, 17, 19, 20, 22, 24, 26, 28, 30, 32, 34, 35, *range(37, 66, 2), *range(66, 85, 2)}
 C2 = {9, 11, 12, 14, 15, 18, 19, 21, 22, 25, 26, 29, 30, 33, 34, 36, 37, 40, 41, 44, 45, 48, 49, 52, 53}
 C2 |= {56, 57, 60, 61, 64, 65, 67, 68, 71, 72, 75, 76, 79, 80, 83, 84}

@@ -57,7 +57,7 @@ EPOCHS = "".join(
 
 
 def resealed(data: bytes) -> bytes:
-    """Return sentences with the check sums that they ought to have."""
+    """Return sentences with the checksums that they ought to have."""
     return re.sub(
         rb"\$([^$*\r\n]*)\*[^\r\n]*",
         lambda match: b"$%b*%02X" % (match[1], functools.reduce(operator.xor, match[1], 0)),
@@ -139,7 +139,7 @@ def test_fixes_of_no_satellites_and_unknown_times_are_counted(tmp_path: Path) ->
 
 def test_damaged_and_cut_sentences_are_counted(tmp_path: Path) -> None:
     damaged = [
-        gga("120001.00").replace("545.4", "945.4"),  # its check sum does not hold
+        gga("120001.00").replace("545.4", "945.4"),  # its checksum does not hold
         gga("120002.00")[:40] + "\r\n",
         sentence("GNGGA,120003.00,4867.038,N,01131.000,W,1,12,0.8,545.4,M,47.5,M,,"),  # 67 minutes
         sentence("GNGGA,120004.00,4807.038,N,01131.000,W,1,12,0.8,nan,M,47.5,M,,"),
@@ -168,7 +168,7 @@ def test_sentences_of_a_talker_that_never_states_a_check_sum_are_read_and_told(t
     assert detect_format(tmp_path / "log.nmea") == "nmea"
     assert log.solution is not None
     assert log.solution.lat_deg.tolist() == fixes(tmp_path, *plain).lat_deg.tolist()
-    assert "6 sentences without a check sum read" in told(log)["nmea_unchecked"]
+    assert "6 sentences without a checksum read" in told(log)["nmea_unchecked"]
     assert "nmea_damaged" not in told(log) and told(log)["nmea_not_used"].endswith("not read: 1 GSV")
 
 
@@ -178,7 +178,7 @@ def test_sentence_without_check_sum_is_cut_where_others_of_its_kind_have_one(tmp
 
     assert log.solution is not None and len(log.solution.t_ns) == 2
     assert "3 sentences" in told(log)["nmea_damaged"]
-    assert "1 sentences without a check sum" in told(log)["nmea_unchecked"]
+    assert "1 sentences without a checksum" in told(log)["nmea_unchecked"]
 
 
 def test_date_goes_on_over_midnight_and_back_to_the_first_epoch(tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_date_is_declared_where_no_sentence_states_it(tmp_path: Path) -> None:
 
 def test_places_that_no_satellites_gave_are_named_in_the_error(tmp_path: Path) -> None:
     texts = [rmc(), gga(), *(gga(f"12000{k}.00", quality="7") for k in range(1, 4)), gga(quality="0")]
-    with pytest.raises(InputError, match="3 GGA state a place that is typed in") as caught:
+    with pytest.raises(InputError, match="3 GGA state a position that is typed in") as caught:
         read(tmp_path, *texts)
     assert "write quality 1 into GGA" in caught.value.advice
 

@@ -284,7 +284,7 @@ def test_damage_cuts_and_other_messages_are_told(tmp_path: Path) -> None:
     log = read(tmp_path, bytes(spoilt))
     assert len(log.gnss.t_ns) == len(whole.gnss.t_ns) - 7
     told = {event.kind: event.detail for event in log.events}
-    assert "wrong check sum" in told["novatel_checksum"] and "novatel_cut" in told
+    assert "wrong checksum" in told["novatel_checksum"] and "novatel_cut" in told
     assert "1 of 83" in told["novatel_not_used"] and "1 RANGECMP4" in told["novatel_compressed"]
     assert "bytes are not NovAtel" in told["novatel_foreign_bytes"]
 

@@ -10,7 +10,7 @@ TOW_S = 408_639.748
 
 
 def frame(kind: int, payload: bytes) -> bytes:
-    """Return a UBX frame with Fletcher's check sum, added up byte by byte."""
+    """Return a UBX frame with Fletcher's checksum, added up byte by byte."""
     body = struct.pack(">H", kind) + struct.pack("<H", len(payload)) + payload
     a = b = 0
     for byte in body:

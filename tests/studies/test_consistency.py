@@ -259,8 +259,8 @@ def test_errors_larger_than_their_sigma_are_called_too_confident() -> None:
     worse[["d_n_m", "d_e_m", "d_d_m"]] *= 5.0
     sound, found = consistency_study(run), consistency_study(dataclasses.replace(run, errors=worse))
 
-    assert not any("too confident" in text for text in sound.verdict)
-    assert any(text.startswith("position") and "too confident" in text for text in found.verdict)
+    assert not any("overconfident" in text for text in sound.verdict)
+    assert any(text.startswith("position") and "overconfident" in text for text in found.verdict)
 
 
 def test_run_without_reference_has_no_errors_and_adapting_filter_is_told() -> None:
@@ -317,11 +317,11 @@ def test_count_is_printed_with_all_its_digits(number: float, shown: str) -> None
     ("nis", "low", "high", "factor", "words"),
     [
         (0.981, 0.903, 1.102, 1.1, "agree with their sigma: range rate noise is as assumed"),
-        (0.981, 0.903, 1.102, 1.3, "range rate noise is 1.3 times the assumed, by the residuals alone"),
+        (0.981, 0.903, 1.102, 1.3, "range rate noise is 1.3 times the assumed, judged by the residuals"),
         (1.15, 0.8, 1.2, 1.1, "are 1.1 times their sigma, within chance: range rate noise is as assumed"),
         (1.15, 0.9, 1.1, 1.1, "are 1.1 times their sigma: range rate noise is 1.1 times the assumed"),
-        (1.06, 0.98, 1.02, 1.07, "to 3 %, not by chance: range rate noise is 1.1 times the assumed"),
-        (1.06, 0.98, 1.02, 1.02, "to 3 %, not by chance: range rate noise is as assumed to 2 %"),
+        (1.06, 0.98, 1.02, 1.07, "within 3 %, not by chance: range rate noise is 1.1 times the assumed"),
+        (1.06, 0.98, 1.02, 1.02, "within 3 %, not by chance: range rate noise is as assumed within 2 %"),
         (1.15, 0.9, 1.1, np.nan, "are 1.1 times their sigma: range rate noise is above the assumed"),
     ],
 )

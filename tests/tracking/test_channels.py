@@ -196,21 +196,21 @@ def test_twelve_channels_run_for_ten_seconds(benchmark: Callable[..., object]) -
 @pytest.mark.parametrize(
     ("make", "word"),
     [
-        (lambda: ChannelDesign(digital_filter(2, 15.0, T), digital_filter(3, 1.0, T), 45.0), "do not fit"),
+        (lambda: ChannelDesign(digital_filter(2, 15.0, T), digital_filter(3, 1.0, T), 45.0), "do not match"),
         (
             lambda: ChannelDesign(digital_filter(2, 15.0, T), digital_filter(1, 1.0, 2 * T), 45.0),
-            "do not fit",
+            "do not match",
         ),
         (
             lambda: ChannelDesign(digital_filter(2, 15.0, T), digital_filter(1, 1.0, T), 45.0, "iq", "atan"),
-            "half there",
+            "incomplete",
         ),
         (lambda: design("costas"), "phase discriminator"),
-        (lambda: scene(np.zeros(5), 45.0), "not a scene"),
-        (lambda: scene(np.full((5, 1), np.nan), 45.0), "not a scene"),
-        (lambda: scene(np.zeros((5, 1)), [[45.0], [45.0], [math.nan], [45.0]]), "makes no sense"),
+        (lambda: scene(np.zeros(5), 45.0), "invalid phases"),
+        (lambda: scene(np.full((5, 1), np.nan), 45.0), "invalid phases"),
+        (lambda: scene(np.zeros((5, 1)), [[45.0], [45.0], [math.nan], [45.0]]), "out of range"),
         (lambda: ChannelSimulation(design(), scene(STILL, 45.0)).run(-1), "invalid seed"),
-        (lambda: scene(np.zeros((5, 1)), 45.0, sign=np.zeros((4, 1), np.int8)), "signs do not fit"),
+        (lambda: scene(np.zeros((5, 1)), 45.0, sign=np.zeros((4, 1), np.int8)), "invalid signs"),
         (lambda: data_signs(10, 1, 3e-3, 0.02, np.random.default_rng(1)), "do not fill"),
         (
             lambda: ChannelSimulation(design(), scene(STILL, 45.0), no_aid(10, 24)).run(1),

@@ -130,7 +130,7 @@ def test_axial_gyro_takes_nine_tenths_of_the_spin_out_of_a_frequency_loop(
 
 
 def test_design_needs_a_frequency_discriminator() -> None:
-    with pytest.raises(ConfigError, match="half there"):
+    with pytest.raises(ConfigError, match="incomplete"):
         ChannelDesign(frequency_filter(1, 2.5, T), digital_filter(1, 1.0, T), 40.0)
 
 

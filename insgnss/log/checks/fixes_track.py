@@ -203,9 +203,9 @@ def _lag_findings(label: str, lag: VelocityLag | None) -> list[Finding]:
         unknown = "the position fixes do not show whether the velocities are late"
         return [Finding("ok", label, f"{fit if lag.sigma_s <= _KNOWN_S else unknown}, {sigma_text}")]
     side = "late" if lag.offset_s < 0.0 else "early"
-    text = f"the velocities are {abs(lag.offset_s):.3f} s {side} against the position fixes"
+    text = f"the velocities are {abs(lag.offset_s):.3f} s {side} relative to the position fixes"
     advice = (
-        f"add {lag.offset_s:+.3f} s by its time.offset_s: a receiver's velocities may be means over an epoch"
+        f"add {lag.offset_s:+.3f} s to its time.offset_s: a receiver's velocities may be means over an epoch"
     )
     sure = f"sure: {sigma_text}, log likelihood {lag.log_likelihood:.0f} above no offset"
     return [Finding("warning", label, text, advice, sure)]

@@ -84,7 +84,7 @@ def _satellite_findings(gnss: GnssTable, config: FlightConfig) -> list[Finding]:
     ]
     if missing:
         is_table = config.gnss.format == "csv"
-        advice = "if the log has a column of it, name it under gnss.columns" if is_table else ""
+        advice = "if the log has such a column, name it under gnss.columns" if is_table else ""
         findings.append(Finding("warning", "gnss", f"no {' and no '.join(missing)} in the log", advice))
     return findings
 

@@ -186,7 +186,7 @@ def _unexplained(match: Match) -> Finding:
         " mappings and both gyro units with shifts of 22 s, the declared axes with shifts of"
         f" {FARTHEST_S / 60.0:.0f} min"
     )
-    return Finding("warning", "motion", text, "check that the inertial log is of this drive")
+    return Finding("warning", "motion", text, "check that the inertial log is of this flight")
 
 
 def _unit_findings(declared: AxesDeclaration, best: VehicleAxes, match: Match) -> list[Finding]:

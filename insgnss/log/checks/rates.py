@@ -228,7 +228,9 @@ def _slope_finding(slope: float, gnss: GnssTable, config: Gnss) -> Finding:
 
 def _other_sign(config: Gnss) -> Proposal:
     value = "reversed" if config.rate_sign == "standard" else "standard"
-    return Proposal("gnss.rate_sign", value, "the range rates run against the change of the pseudoranges")
+    return Proposal(
+        "gnss.rate_sign", value, "the range rates and the change of the pseudoranges have opposite signs"
+    )
 
 
 def _mapped(config: Gnss, wanted: str, logged: str) -> tuple[Proposal, ...]:
@@ -310,7 +312,7 @@ def leaps_finding(size_m: Float64, where: str = "") -> Finding:
     """Return what leaps of the clock are that are not its jumps: epochs with wrong pseudoranges."""
     least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
     text = (
-        f"the clock leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, back at the next epoch or each"
-        " time by another size: bad epochs, not jumps of the receiver's clock"
+        f"the clock offset leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, and returns at the next"
+        " epoch or differs in size each time: bad epochs, not jumps of the receiver's clock"
     )
     return Finding("warning", "gnss", text, "'insgnss point' shows their residuals", kind=CLOCK_LEAPS)

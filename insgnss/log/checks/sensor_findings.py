@@ -159,7 +159,7 @@ def _shift(common: _SampledTrack, measured: Float64, of: Callable[[Float64], Flo
     best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
     if abs(_SHIFTS_S[best]) < _LEAST_SHIFT_S or rms[best] ** 2 > _SURE_SHIFT * none**2:
         return []
-    return [f"its time tags are off: add {_SHIFTS_S[best]:+.1f} s by time.offset_s"]
+    return [f"its time tags are off: add {_SHIFTS_S[best]:+.1f} s to time.offset_s"]
 
 
 def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
@@ -174,15 +174,15 @@ def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
         fits = [u for u in units if abs(abs(factor) * SI_PER_UNIT[u] / SI_PER_UNIT[config.unit] - 1.0) < 0.05]
         remarks.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
     if factor < 0.0 or (np.abs(z).sum() > 2.0 * np.abs(z.sum())):
-        remarks.append("its sign is against the motion: is it mounted or counted backwards?")
+        remarks.append("its sign is opposite to the motion: is it mounted or counted backwards?")
     remarks += _shift(common, np.abs(common.values[:, 0] / factor), common.gnss.ground_speed)
-    return [_judged(config, f"{factor:.3f} times the speed by GNSS", remarks)]
+    return [_judged(config, f"{factor:.3f} times the GNSS speed", remarks)]
 
 
 def _barometer(config: Any, common: _SampledTrack) -> list[Finding]:
     z, h = common.values[:, 0], common.place[:, 2]
     offset = float(np.median(z - h))
-    text = f"{offset:+.0f} m against the height by GNSS"
+    text = f"{offset:+.0f} m from the GNSS height"
     remarks = []
     if np.ptp(h) > _CLIMB_M:
         slope = float(np.polyfit(h, z, 1)[0])
@@ -216,18 +216,18 @@ def _heading_against_course(
     course = np.arctan2(common.v_n[moving, 1], common.v_n[moving, 0])
     away, spread = _mean_turn(heading[moving] - course)
     _, reversed_spread = _mean_turn(-heading[moving] - course)
-    text = f"{away:+.1f} deg against the course of GNSS, spread {spread:.1f} deg"
+    text = f"{away:+.1f} deg from the GNSS course, spread {spread:.1f} deg"
     crabs_deg = _TURN_DEG * float(abs(np.mean(np.exp(1j * course))))
     remarks, most_deg = [], min(_TURN_DEG, crabs_deg + 4.0 * sigma_deg + 2.0 * spread)
     rms = float(np.hypot(away, spread))
     if in_radians is not None and np.hypot(*_mean_turn(in_radians[moving] - course)) < _FITS * rms:
         remarks.append("unit = 'rad' fits")
     elif reversed_spread < _FITS * spread:
-        remarks.append("it turns the other way: check its sign or axes")
+        remarks.append("it turns in the opposite direction: check its sign or axes")
     elif spread > 2.0 * _TURN_DEG:
         remarks.append("it does not follow the course: check its unit, axes and time")
     elif abs(away) > most_deg:
-        remarks.append(f"a fixed turn: {declared}, or the vehicle goes backwards")
+        remarks.append(f"a constant offset: {declared}, or the vehicle moves backwards")
     return [_judged(config, text, remarks)]
 
 
@@ -239,7 +239,7 @@ def _mean_turn(turn: Float64) -> tuple[float, float]:
 
 
 def _heading(config: Any, common: _SampledTrack) -> list[Finding]:
-    declared = "give it by offset_deg, or declination_deg where it is from magnetic north"
+    declared = "declare it as offset_deg, or as declination_deg if the heading is from magnetic north"
     added = RAD_PER_DEG * (config.declination_deg + config.offset_deg)
     heading = common.values[:, 0]
     in_radians = (heading - added) / RAD_PER_DEG + added if config.unit == "deg" else None
@@ -254,7 +254,7 @@ def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     heading = track.values[:, 2]
     in_radians = heading / RAD_PER_DEG if config.unit == "deg" else None
     return _heading_against_course(
-        config, track, heading, "give it by mounting_rpy_deg", config.sigma_deg[2], in_radians
+        config, track, heading, "declare it as mounting_rpy_deg", config.sigma_deg[2], in_radians
     )
 
 
@@ -271,7 +271,7 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     acceleration = _at(gnss, common.t_s, np.gradient(gnss.v_n, gnss.t_s, axis=0))
     straight = np.hypot(acceleration[:, 0], acceleration[:, 1]) < _STRAIGHT_MPS2
     total = float(np.median(np.linalg.norm(m, axis=1)))
-    remarks, text, findings = [], f"field {total:.1f} uT in all", []
+    remarks, text, findings = [], f"total field {total:.1f} uT", []
     if not EARTH_FIELD_UT[0] < total < EARTH_FIELD_UT[1]:
         units = " or ".join(f"'{unit}'" for unit in fitting_units(config, total))
         remedy = f"unit = {units} fits" if units else "check its unit and calibration"
@@ -284,7 +284,9 @@ def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
         declared = "check axes and declination_deg"
         findings = _heading_against_course(config, level_track, heading, declared, sigma_deg)
         level = float(np.median(np.hypot(level_m[:, 0], level_m[:, 1])))
-        text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; {total:.1f} uT in all"
+        text = (
+            f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}; total field {total:.1f} uT"
+        )
         if not remarks and not 0.5 < level / config.horizontal_ut < 2.0:
             remarks.append("check its unit, axes and horizontal_ut")
         sign = down_sign(*level_track.place[0, :2].tolist())
@@ -302,7 +304,7 @@ def _position(config: Any, common: _SampledTrack) -> list[Finding]:
     apart = np.column_stack([lat * radius, lon * radius * np.cos(common.place[:, 0])])
     n, e = np.median(apart, axis=0)
     up = float(np.nanmedian(h)) if np.isfinite(h).any() else np.nan
-    text = f"{n:+.1f} m north, {e:+.1f} m east, {up:+.1f} m up of the solution by pseudoranges"
+    text = f"{n:+.1f} m north, {e:+.1f} m east, {up:+.1f} m up from the pseudorange solution"
     remarks = []
     speed2 = np.sum(common.v_n[:, :2] ** 2, axis=1)
     moving = speed2 > _MOVING_MPS**2
@@ -310,7 +312,7 @@ def _position(config: Any, common: _SampledTrack) -> list[Finding]:
         late_s = float(np.median(np.sum(apart * common.v_n[:, :2], axis=1)[moving] / speed2[moving]))
         across = apart[moving] - late_s * common.v_n[moving, :2]
         if abs(late_s) > 0.5 and np.median(np.abs(across)) < 0.5 * np.median(np.abs(apart[moving])):
-            remarks.append(f"its time tags are off: add {late_s:+.1f} s by time.offset_s")
+            remarks.append(f"its time tags are off: add {late_s:+.1f} s to time.offset_s")
     if not remarks and np.hypot(n, e) > _STRAY_M:
         remarks.append("check the order of its columns, its frame and its datum")
     geoid = float(geoid_height(*np.degrees(common.place[:1, :2].T))[0])
@@ -331,7 +333,7 @@ def _velocity(config: Any, common: _SampledTrack) -> list[Finding]:
     if np.isfinite(common.values[:, :2]).all():
         level = np.linalg.norm(common.values[:, :2], axis=1)
         remarks += _shift(common, level, common.gnss.ground_speed)
-    return [_judged(config, f"{rms:.2f} m/s from the velocity by range rates (median, horizontal)", remarks)]
+    return [_judged(config, f"{rms:.2f} m/s from the range-rate velocity (median, horizontal)", remarks)]
 
 
 def _judged(config: Any, text: str, remarks: list[str]) -> Finding:

@@ -100,8 +100,8 @@ _WHAT_DECIDES: Final = (
 
 # With rates of the Xi'an car put 0.2 s late its tags, which are right, seem 0.15 s ahead: seven sigmas
 _FORM_OF_LAG: Final = (
-    "the lag of the range rates was taken out as a delay; a receiver that smooths differs from a delay, and that may"
-    " look like this"
+    "the lag of the range rates was removed as a pure delay; a receiver that smooths is not a pure delay, and the"
+    " difference may look like a time offset"
 )
 
 

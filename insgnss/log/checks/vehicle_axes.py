@@ -277,7 +277,7 @@ def _other_axes(
     if not near:
         return Finding("error", "motion", text + left, "", sure, _proposals(declared, best))
     why = "the one that a mounting gives" if best.mounted else "the simplest"
-    sure += f"; several axis mappings explain the motion, this is {why}"
+    sure += f"; several axis mappings explain the motion; proposed is {why}"
     columns = _open_columns(best, near)
     others = (
         f"the sign or order of {', '.join(columns)}" if len(columns) <= MOST_OPEN else f"axes {_listed(near)}"

@@ -232,7 +232,7 @@ class _ColumnReader:
         if not complaint.column:
             width, mark = len(dialect.columns), DELIMITER_NAMES[dialect.delimiter]
             return (
-                f"line {dialect.header_line} has {width} columns parted by {mark}; look for decimal commas,"
+                f"line {dialect.header_line} has {width} columns separated by {mark}; look for decimal commas,"
                 " a second header or another file's rows"
             )
         if calendar is not None and complaint.column == "' and '".join(calendar.columns):

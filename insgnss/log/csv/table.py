@@ -202,7 +202,7 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
     mark, line, above = dialect.delimiter, dialect.header_line, dialect.lines_above
     named, utf8 = dialect.header_in_comment, dialect.header_is_utf8
     noticed = {
-        "csv_delimiter": mark != "," and f": columns parted by {DELIMITER_NAMES[mark]}",
+        "csv_delimiter": mark != "," and f": columns separated by {DELIMITER_NAMES[mark]}",
         "csv_lines_skipped": above and f": {above} line(s) above the header in line {line} skipped",
         "csv_header_in_comment": named and f":{line}: the column names are in a comment line",
         "csv_encoding": not utf8 and f":{line}: the header is not UTF-8, read as {FALLBACK_ENCODING}",

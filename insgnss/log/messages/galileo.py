@@ -84,7 +84,7 @@ def take(
 
 WORD_LENGTH: Final = 128  # of a word
 PAGE_LENGTH: Final = 120  # of a page part with its tail
-_INAV_CHECKED: Final = (114, 82)  # bits under the check sum: of the even part, of the odd part
+_INAV_CHECKED: Final = (114, 82)  # bits under the checksum: of the even part, of the odd part
 
 _IOD: Final = (Field("", 6), Field("iod", 10))
 _ORBIT_1: Final = (*_IOD, Field("toe_sow_s", 14, 60.0), *_orbit("m0 e sqrt_a"))
@@ -116,7 +116,7 @@ def word_of_pages(even: int, odd: int) -> int | str:
         PAGE_LENGTH - _INAV_CHECKED[1]
     )
     if crc24q(checked, sum(_INAV_CHECKED)) != unsigned(odd, PAGE_LENGTH, _INAV_CHECKED[1], 24):
-        return "I/NAV page with a wrong check sum"
+        return "I/NAV page with a wrong checksum"
     return unsigned(even, PAGE_LENGTH, 2, 112) << 16 | unsigned(odd, PAGE_LENGTH, 2, 16)
 
 
@@ -168,7 +168,7 @@ class InavMessages:
         take(self._broadcast, sv, "INAV", values, near_ns, delays, health)
 
 
-FNAV_LENGTH: Final = 238  # of a page: type, data, check sum
+FNAV_LENGTH: Final = 238  # of a page: type, data, checksum
 _FNAV_CHECKED: Final = 214
 
 _PAGE_1: Final = (
@@ -200,9 +200,9 @@ class FnavMessages:
         self._pages: dict[str, dict[int, dict[str, float]]] = {}
 
     def add(self, sv: str, page: int, near_ns: int | None) -> None:
-        """Take one page of 238 bits, its check sum the last 24."""
+        """Take one page of 238 bits, its checksum the last 24."""
         if crc24q(page >> (FNAV_LENGTH - _FNAV_CHECKED), _FNAV_CHECKED) != page & 0xFFFFFF:
-            self._broadcast.refused["F/NAV page with a wrong check sum"] += 1
+            self._broadcast.refused["F/NAV page with a wrong checksum"] += 1
             return
         kind = unsigned(page, FNAV_LENGTH, 0, 6)
         if kind not in _FNAV_LAYOUTS:

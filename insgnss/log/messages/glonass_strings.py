@@ -22,9 +22,9 @@ _FRAME_NS: Final = 15 * NS_PER_S
 
 
 def _check_masks() -> tuple[int, ...]:
-    """Return the bits that each of the seven check sums adds up (ICD 5.1, 4.7).
+    """Return the bits that each of the seven checksums adds up (ICD 5.1, 4.7).
 
-    Data bit 9 + k has the k-th number that is not a power of two, 3, 5, 6, 7, 9, ...; check sum j covers the data bits
+    Data bit 9 + k has the k-th number that is not a power of two, 3, 5, 6, 7, 9, ...; checksum j covers the data bits
     whose number has bit j, and check bit j + 1.
     """
     numbers = [n for n in range(3, 128) if n & (n - 1)][: LENGTH - _CHECK_BITS]
@@ -39,7 +39,7 @@ _MASKS: Final = _check_masks()
 
 
 def parity_holds(string: int) -> bool:
-    """Return whether all check sums of a string are zero, so that no bit error is detected."""
+    """Return whether all checksums of a string are zero, so that no bit error is detected."""
     return string.bit_count() % 2 == 0 and not any((string & mask).bit_count() & 1 for mask in _MASKS)
 
 
@@ -72,7 +72,7 @@ class GlonassMessages:
         """
         number = bits_of(string, 84, 81)
         if not parity_holds(string):
-            self._broadcast.refused["GLONASS string with a wrong check sum"] += 1
+            self._broadcast.refused["GLONASS string with a wrong checksum"] += 1
             return
         if near_ns is None:
             self._broadcast.refused["GLONASS string without a receiver time for its day"] += 1

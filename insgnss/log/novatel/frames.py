@@ -1,11 +1,11 @@
-"""NovAtel OEM binary messages (OEM4 to OEM7): found by their sync bytes and check sum, sorted by kind.
+"""NovAtel OEM binary messages (OEM4 to OEM7): found by their sync bytes and checksum, sorted by kind.
 
 OEM7 commands and logs reference manual, "Binary" and "Description of ASCII and binary logs with short headers": AA 44
 12 with a header whose length it states (28), or AA 44 13 with one of 12 bytes; then the message, then a CRC-32
 (polynomial EDB88320 reflected, start 0) over all before it.
 
 NovAtel's own library (``novatel_edie``) serves as the oracle of the tests. The package does not read with it: it makes
-an object of each message, and ends the process on some messages whose check sum holds but whose counts do not
+an object of each message, and ends the process on some messages whose checksum holds but whose counts do not
 (2.10.11, RANGECMP).
 """
 
@@ -77,7 +77,7 @@ def check_sum(data: bytes | memoryview) -> int:
 
 
 def frames_in(path: Path, data: bytes) -> NovatelFrames:
-    """Return the messages in the bytes of the file ``path``; after a wrong check sum the search goes on within."""
+    """Return the messages in the bytes of the file ``path``; after a wrong checksum the search goes on within."""
     frames, view, end = NovatelFrames(path, data, len(data)), memoryview(data), 0
     at = data.find(SYNC)
     while at >= 0:
@@ -105,7 +105,7 @@ def frames_in(path: Path, data: bytes) -> NovatelFrames:
 
 
 def _whole_length(data: bytes, at: int) -> int:
-    """Return the length with header and check sum of the message that may begin here, 0 where none does."""
+    """Return the length with header and checksum of the message that may begin here, 0 where none does."""
     kind = data[at + 2] if at + 2 < len(data) else 0
     if kind == LONG and at + LONG_HEADER <= len(data) and data[at + 3] >= LONG_HEADER:
         return data[at + 3] + int.from_bytes(data[at + 8 : at + 10], "little") + _CRC_BYTES
@@ -115,7 +115,7 @@ def _whole_length(data: bytes, at: int) -> int:
 
 
 def _keep(frames: NovatelFrames, at: int, stop: int) -> None:
-    """Note the valid message from ``at``, whose check sum is at ``stop``."""
+    """Note the valid message from ``at``, whose checksum is at ``stop``."""
     frames.count += 1
     if frames.data[at + 2] == SHORT:
         _, kind, week, ms = _SHORT.unpack_from(frames.data, at)

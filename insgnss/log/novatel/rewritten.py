@@ -31,7 +31,7 @@ _NO_REFERENCE: Final = b"No reference data exists"
 
 
 def ascii_bytes(data: bytes) -> int:
-    """Return how many bytes lie in ASCII messages with a sound check sum."""
+    """Return how many bytes lie in ASCII messages with a valid checksum."""
     return sum(len(match[0]) for match in _SOUND.finditer(data) if _is_sound(match))
 
 

@@ -192,11 +192,15 @@ def _collect(
         civil_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds)
         t_ns = None if civil_ns is None else civil_ns + shift_ns
         if t_ns is not None and (civil_ns == NO_DATE or not is_date(t_ns)):
-            detail = f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} passed over: {IMPOSSIBLE_DATE}"
+            detail = (
+                f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} skipped: {IMPOSSIBLE_DATE}"
+            )
             events.append(Event(None, "rinex_event", detail))
             continue
         if epoch.flag not in OBSERVATION_FLAGS or t_ns is None:
-            detail = f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) passed over"
+            detail = (
+                f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) skipped"
+            )
             events.append(Event(t_ns, "rinex_event", detail))
             continue
         if epoch.flag == 1:

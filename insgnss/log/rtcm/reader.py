@@ -123,13 +123,13 @@ def _not_used(messages: list[Any]) -> dict[str, int]:
 
 
 def _damage(parsed: Any, size: int, file: str) -> list[Event]:
-    """Return the events of the frames' check sums and layouts."""
+    """Return the events of the frames' checksums and layouts."""
     refused = (
         f"{file}: byte {skip.offset}: message {skip.message_number} refused: {skip.detail}"
         for skip in parsed.skipped_frames
     )
     events = first_events("rtcm_damaged", refused, file, "messages refused")
-    wrong = counted("rtcm_damaged", parsed.crc_failures, "frame(s) with a wrong check sum left out", file)
+    wrong = counted("rtcm_damaged", parsed.crc_failures, "frame(s) with a wrong checksum left out", file)
     what = f"of {size} bytes are not in a whole frame (other data, damage, a cut)"
     return events + wrong + counted("rtcm_foreign_bytes", parsed.resync_bytes, what, file)
 

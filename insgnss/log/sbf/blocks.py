@@ -1,4 +1,4 @@
-"""SBF blocks: found in the bytes by their sync word and check sum, and the layouts of those that are read.
+"""SBF blocks: found in the bytes by their sync word and checksum, and the layouts of those that are read.
 
 Septentrio SBF reference (PolaRx5TR reference guide, firmware 5.5.0, chapter 4): a block is "$@", a CRC-16-CCITT over
 what follows it, the block's number with its revision in the upper three bits, and its length, a multiple of four.
@@ -150,7 +150,7 @@ class Blocks:
     """Where the blocks of a file begin, by number, and the unreadable ones."""
 
     starts: dict[int, list[int]] = field(default_factory=dict)
-    damaged: int = 0  # sync words with a sound header but a wrong check sum, or cut by the end
+    damaged: int = 0  # sync words with a sound header but a wrong checksum, or cut by the end
     others: Counter[int] = field(default_factory=Counter)  # sound blocks that are not read, by number
 
 

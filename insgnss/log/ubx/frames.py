@@ -1,6 +1,6 @@
 """Frames of the UBX protocol (u-blox interface descriptions, "UBX frame structure"): found, checked, sorted by kind.
 
-A frame is B5 62, class, identifier, length (two bytes, little-endian), payload, and two bytes of Fletcher's check sum
+A frame is B5 62, class, identifier, length (two bytes, little-endian), payload, and two bytes of Fletcher's checksum
 over class to payload: CK_A = sum b_i, CK_B = sum (n - i) b_i, both modulo 256. Here both come from two running sums
 over the whole file, kept modulo 256 as well, so that the check of a frame costs the same at any length:
 CK_A = A(end) - A(start), CK_B = end CK_A - (W(end) - W(start)) with W the running sum of i b_i.
@@ -54,9 +54,9 @@ class UbxFrames:
 
 
 def frames_in(path: Path, data: bytes) -> UbxFrames:
-    """Return all frames among the bytes of the file ``path`` whose check sum holds.
+    """Return all frames among the bytes of the file ``path`` whose checksum holds.
 
-    After a frame with a wrong check sum the search goes on at its third byte, so a frame that begins within the
+    After a frame with a wrong checksum the search goes on at its third byte, so a frame that begins within the
     damaged one is found.
     """
     frames = UbxFrames(path, data)

@@ -59,8 +59,8 @@ def _chart(errors: pd.DataFrame, group: str, columns: tuple[str, ...], known_s: 
         rows.add(row, line_trace(time_s, values, f"error {label(column).words}", colour_of(row)))
         rows.ranges[row] = opening_range(values[settled], BAND_SIGMAS * sigma[settled])
     caption = (
-        "Estimate minus reference, and three sigma. The axes open on 95 % of it once the heading was known; a double"
-        " click shows all."
+        "Estimate minus reference, and three sigma. The axes first show 95 % of the errors after the heading became"
+        " known; a double click shows all."
     )
     return rows.chart(f"chart-error-{group}", f"Error of the {group}", caption=caption, showlegend=False)
 

@@ -43,7 +43,7 @@ def _cn0(table: pd.DataFrame) -> Chart | None:
             0, line_trace(mine["time_s"].to_numpy(), values, sv, colour_of(place), at_most=each, **style)
         )
     caption = (
-        "Of a satellite's signals the one that was used. Touch a name to hide it, twice to see it alone."
+        "For each satellite, the signal that was used. Click a name to hide it, double-click to see it alone."
     )
     return rows.chart("chart-cn0", "C/N0 of each satellite", row_px=300, caption=caption)
 
@@ -60,8 +60,8 @@ def _dop(table: pd.DataFrame) -> Chart | None:
         values = np.where(dop[:, place] <= _MOST_DOP, dop[:, place], np.nan)
         rows.add(0, line_trace(time_s, values, name, colour_of(place)))
     caption = (
-        "Of the satellites used, each once, with one receiver clock. The inertial sensors carry the solution through"
-        f" gaps in it; beyond {_MOST_DOP:g} it is not drawn."
+        "DOP of the satellites used, each counted once, with one receiver clock. The inertial sensors bridge its gaps;"
+        f" values above {_MOST_DOP:g} are not drawn."
     )
     return rows.chart("chart-dop", "Dilution of precision", row_px=220, caption=caption)
 

@@ -102,7 +102,5 @@ def _sigma_reduction(axes: Axes, sigmas: pd.DataFrame) -> None:
     axes.set_yscale("log")
     axes.set_xlabel("time, s")
     axes.set_ylabel("sigma over its first")
-    axes.set_title(
-        "what the flight lets be observed; axes x, y, z full, dashed, dotted", fontsize=_TITLE_SIZE
-    )
+    axes.set_title("observability in this flight; axes x, y, z solid, dashed, dotted", fontsize=_TITLE_SIZE)
     axes.legend(fontsize=8)

@@ -66,14 +66,14 @@ def _of_noise(row: Mapping[Any, Any]) -> str:
         noise = "as assumed"
         if abs(factor - 1.0) > max(AGREES_WITHIN, _CHANCE_Z / np.sqrt(2.0 * max(_number(row, "dof"), 1.0))):
             # residuals know the noise better than innovations, which hold the state's uncertainty too
-            noise = f"{factor:.2g} times the assumed, by the residuals alone"
+            noise = f"{factor:.2g} times the assumed, judged by the residuals"
     else:
-        innovations += f" to {100.0 * abs(ratio - 1.0):.1g} %, not by chance" if agree else ""
+        innovations += f" within {100.0 * abs(ratio - 1.0):.1g} %, not by chance" if agree else ""
         noise = f"{factor:.2g} times the assumed"
         if not np.isfinite(factor):
             noise = f"{'below' if nis < 1.0 else 'above'} the assumed"
         elif abs(factor - 1.0) < AGREES_WITHIN:
-            noise = f"as assumed to {100.0 * abs(factor - 1.0):.0f} %"
+            noise = f"as assumed within {100.0 * abs(factor - 1.0):.0f} %"
     kind = str(row["kind"])
     words = f"{kind.replace('_', ' ')} innovations {innovations}: {NOISE_WORDS[kind]} is {noise}"
     return f"{words} ({bounds}){also}"
@@ -131,7 +131,7 @@ def _of_error(row: Mapping[Any, Any]) -> str:
     errors = f"{row['component']}: errors {times_their_sigma(float(ratio))} ({bounds})"
     if low <= nees <= high:
         return f"{errors}: within the chance bounds"
-    return f"{errors}: the filter is too {'confident' if nees > high else 'modest'}"
+    return f"{errors}: the filter is {'overconfident' if nees > high else 'conservative'}"
 
 
 def _of_heading(heading: HeadingAgreement) -> str:
@@ -152,7 +152,7 @@ def _of_biases(table: pd.DataFrame) -> list[str]:
         )
     if len(hardly):
         names = ", ".join(f"{_in_words(r)} ({r.reduction:.2g} times)" for r in hardly.itertuples())
-        sentences.append(f"hardly observed, sigma came down little: {names}")
+        sentences.append(f"hardly observed, the sigma fell little: {names}")
     return sentences
 
 

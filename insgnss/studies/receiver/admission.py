@@ -227,8 +227,8 @@ def checked_call(
             advice=f"give {LOWEST_CN0_DBHZ:g} to {_BEST_CN0_DBHZ:g} dBHz: below it no receiver tracks",
         )
     if not wanted:
-        raise ConfigError("no receiver is asked for", key="variants", advice=f"known: {', '.join(VARIANTS)}")
-    require_whole(1, "40 runs give a share to 8 %", **numbers)
+        raise ConfigError("no receiver is named", key="variants", advice=f"known: {', '.join(VARIANTS)}")
+    require_whole(1, "40 runs determine a share within 8 %", **numbers)
     aided = [name for name, variant in wanted.items() if variant.needs_ins]
     if aided and not with_ins:
         raise ConfigError(

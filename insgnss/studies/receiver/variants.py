@@ -124,8 +124,8 @@ class Variant:
 
 AIDED_INFLATION: Final = 10.0
 VARIANTS: Final = {
-    "scalar": Variant(SCALAR, "channels on their own, least squares"),
-    "aided": Variant(TWO_STAGE, "channels aided with acceleration, estimates weighed down", AIDED_INFLATION),
+    "scalar": Variant(SCALAR, "independent channels, least squares"),
+    "aided": Variant(TWO_STAGE, "channels aided with acceleration, estimates down-weighted", AIDED_INFLATION),
     "two_stage": Variant(TWO_STAGE, "two stages, estimates as white noise"),
     "optimal": Variant(INTERVAL_MESSAGE, "two stages, the interval's observations alone"),
     "one_stage": Variant(ONE_STAGE, "discriminators as rows of the filter"),
