@@ -1,1 +1,1 @@
-"""The outside world's files become tables: inertial and GNSS logs, RINEX, references; and the flight names them."""
+"""Readers that turn files into tables: inertial and GNSS logs, RINEX, references; and the flight that names them."""

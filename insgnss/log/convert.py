@@ -1,4 +1,4 @@
-"""Receivers' files become our CSV pair, a navigation file and a first flight file in one folder."""
+"""Converts receivers' files to two CSV files, a navigation file and a first flight file in one folder."""
 
 from __future__ import annotations
 

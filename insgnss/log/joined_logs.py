@@ -1,4 +1,4 @@
-"""Logs of several makers become one: measurements of one receiver, inertial samples of another device."""
+"""Joins logs of several makers: measurements of one receiver, inertial samples of another device."""
 
 from __future__ import annotations
 

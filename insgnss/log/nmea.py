@@ -1,4 +1,4 @@
-"""NMEA 0183 becomes a receiver's own solution: places of GGA, dates and motion of RMC, sigmas of GST.
+"""A receiver's own solution from NMEA 0183: positions of GGA, dates and velocities of RMC, sigmas of GST.
 
 NMEA holds no measurements. Its fixes are a reference, quality 2 (no truth), or take the place of measurements.
 Sentences in a row with the same time of day are an epoch. Its date is that of its RMC or ZDA, else it follows from the

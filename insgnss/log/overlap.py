@@ -1,4 +1,4 @@
-"""The spans of inertial log, GNSS log and navigation messages held against each other."""
+"""Checks that inertial log, GNSS log and navigation messages overlap in time."""
 
 from __future__ import annotations
 

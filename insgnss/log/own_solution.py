@@ -1,4 +1,4 @@
-"""The solution of a receiver, a phone or an autopilot: a reference, but no independent truth."""
+"""The solution of a receiver, a phone or an autopilot: a reference, but not independent truth."""
 
 from __future__ import annotations
 

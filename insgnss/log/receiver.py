@@ -1,4 +1,4 @@
-"""A receiver's own file: what its user declares of it, and its content as tables."""
+"""A receiver's own file: the user's declarations about it, and its content as tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detection of a signal in noise: the signal-to-noise ratio it needs, and for how long that has to be collected.
+"""Detection of a signal in noise: the signal-to-noise ratio that it needs, and the accumulation time.
 
 A look is one coherent accumulation of in-phase and quadrature over a time T; its signal-to-noise ratio is
 ``snr = C T / N0``, the power of its mean over the variance of its complex noise. ``looks`` of them are squared and

@@ -1,4 +1,4 @@
-"""The search window: the cells of delay and Doppler around a prediction, and how long it takes to look at them all."""
+"""The search window: the cells of delay and Doppler around a prediction, and the time to search them all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a run is judged, once for the page, the commands and the studies: its heading, errors and innovations."""
+"""The rules by which page, commands and studies assess a run's heading, errors and innovations."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A flight's further antennas, without the rooms of the attitude stage but for a flight that has them.
+"""A flight's further antennas; the attitude stage is imported only for a flight that has them.
 
-The import of that stage takes as long as half of all others.
+Its import takes half as long as all others together.
 """
 
 from __future__ import annotations

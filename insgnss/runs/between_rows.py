@@ -1,4 +1,4 @@
-"""A run's rows at any time between them: position by Hermite's cubic, velocity straight, attitude by the shortest turn.
+"""Interpolation between a run's rows: position by Hermite cubic, velocity linear, attitude by the shortest rotation.
 
 Between the rows at t_0 and t_1, T apart, with u = (t - t_0) / T and axes of ECEF:
 

@@ -1,4 +1,4 @@
-"""The event at the end of a run whose logs contradict each other or what is declared of them."""
+"""The event at the end of a run whose logs contradict each other or their declarations."""
 
 from __future__ import annotations
 

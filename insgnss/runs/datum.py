@@ -1,4 +1,4 @@
-"""Times, heights and headings of a result table as others count them: UTC, mean sea level, clockwise from true north.
+"""Times, heights and headings of a result table in common datums: UTC, mean sea level, clockwise from true north.
 
 The GPS week and the units of a table are in its ``attrs``, also after it was saved as Parquet::
 

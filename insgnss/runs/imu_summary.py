@@ -1,4 +1,4 @@
-"""An inertial log in a few thousand numbers, for the page of a run: its extremes over time, and its spectrum."""
+"""Summary of an inertial log for the report page: its extremes over time, and its spectrum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The single-point solution of a flight: every GNSS epoch for itself, tested, without the inertial log.
+"""The single-point solution of a flight: every GNSS epoch solved and tested independently, without the inertial log.
 
 | table     | one row per | columns |
 |-----------|-------------|---------|

@@ -1,4 +1,4 @@
-"""What numbers and names this room accepts: typed errors that say the limit and what to do."""
+"""Checks of numbers and names for the tracking package: typed errors that state the limit and the remedy."""
 
 from __future__ import annotations
 

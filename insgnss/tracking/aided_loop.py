@@ -1,4 +1,4 @@
-"""The loop aided by an inertial system (Shatilov 2009): optimum gains, bandwidth, threshold by quality of aiding.
+"""The loop aided by an inertial system (Shatilov 2009): optimum gains, bandwidth and threshold by aiding quality.
 
 The aiding takes the motion out of the loop, which has to follow only the drift of its oscillator and of the aiding's
 error, dw_S = dw_osc - dw_INS, whose derivative has the one-sided density S_S = S_osc + S_INS. Everything here is the

@@ -1,4 +1,4 @@
-"""What all discriminators have in common: equivalent noise, linear range, loss of power, and their simulation."""
+"""Properties common to all discriminators: equivalent noise, linear range, loss of power, and their simulation."""
 
 from __future__ import annotations
 

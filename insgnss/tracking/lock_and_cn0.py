@@ -1,4 +1,4 @@
-"""What prompt correlators say of a signal: C/N0 (by moments, by narrow- over wide-band power), lock, cycle slips.
+"""Estimates from prompt correlators: C/N0 (by moments, by narrow- over wide-band power), lock, cycle slips.
 
 Both estimates of C/N0 are consistent at any C/N0: the powers are averaged over a window before they are divided, so
 that no bias remains but that of a finite window. Simulated, 1 ms and windows of a second: below 0.03 dB from 25 dBHz

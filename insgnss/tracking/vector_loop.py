@@ -1,4 +1,4 @@
-"""One integration of m channels whose replicas somebody else steers: correlators, discriminators, observations.
+"""One integration of m channels with externally steered replicas: correlators, discriminators, observations.
 
 Offsets are truth minus replica in metres of range and metres per second, as a navigation filter has them:
 

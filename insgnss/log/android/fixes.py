@@ -1,4 +1,4 @@
-"""The phone's own solution ("Fix" lines) becomes a reference trajectory with sigmas, quality 2: no truth.
+"""The phone's own solution ("Fix" lines) becomes a reference trajectory with sigmas, quality 2: not truth.
 
 Android states latitude, longitude, height above the ellipsoid, speed over ground with its direction, and accuracies as
 radii or half-widths that hold 68 %: sigma = radius / 1.51 of a round horizontal distribution.

@@ -1,6 +1,6 @@
-"""How the receiver's clock behaves: not steered, moved by jumps, or steered; do both its drifts agree.
+"""The receiver clock's behaviour: free-running, with jumps, or steered; and whether its two drifts agree.
 
-And whether it wanders as its declared oscillator does: one declared too quiet passes for motion.
+Also whether it drifts as the declared oscillator does: the filter takes unexpected drift for motion.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""When a log was received, by its pseudoranges alone: place, clocks and the shift of the tags in one fit.
+"""Time of reception from pseudoranges alone: position, clocks and the shift of the tags in one fit.
 
 A shift of the tags moves each satellite along its orbit, so each range changes by its range rate times the shift:
 beside place and clock it is one more unknown of a fix, with six satellites a tested one (coarse-time navigation

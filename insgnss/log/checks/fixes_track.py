@@ -1,4 +1,4 @@
-"""The way of a vehicle without raw GNSS data: position fixes, the velocities beside them, and how far these are behind.
+"""The track of a vehicle without raw GNSS data: position fixes, velocities, and how late the velocities are.
 
 Receivers give velocities that are means over the last epoch, or the output of a filter: of two public logs with four
 fixes a second both are 0.13 s late. The way between two fixes is the integral of the velocity. With velocities whose

@@ -1,4 +1,4 @@
-"""The check of a GNSS log before any filter runs: epochs, satellites, doubles, ephemerides."""
+"""The check of a GNSS log before any filter runs: epochs, satellites, duplicates, ephemerides."""
 
 from __future__ import annotations
 

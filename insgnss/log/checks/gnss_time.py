@@ -1,4 +1,4 @@
-"""Whether the GNSS tags are GPS time of the stated week: only then do the pseudoranges agree on a place.
+"""Whether the GNSS tags are GPS time of the stated week: only then do the pseudoranges agree on a position.
 
 Satellites move by 4 km a second: tags that are off by leap seconds, hours or weeks put them where the ranges contradict
 each other, or where no message serves; so do tags that are off by a tenth of a second.

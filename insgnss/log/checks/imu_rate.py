@@ -1,4 +1,4 @@
-"""Whether an inertial log keeps its rate: where it falls, samples are missing, and no single step is a gap."""
+"""Whether an inertial log keeps its rate: if the rate falls, samples are missing although no single step is a gap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes, gyro unit, time offset and lever arm: the inertial log held against the motion that the satellites show."""
+"""Axes, gyro unit, time offset and lever arm: the inertial log compared with the GNSS motion."""
 
 from __future__ import annotations
 

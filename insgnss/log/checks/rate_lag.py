@@ -1,4 +1,4 @@
-"""By how much range rates lag behind the motion, from the ranges alone: no inertial data are used.
+"""The lag of the range rates behind the motion, estimated from the ranges alone, without inertial data.
 
 A receiver that smooths its Doppler, or takes it over an interval, gives the rate of an earlier time. Smoothed twice by
 T/2 (``filter.rows.late_rates``), the rate r obeys  range' = r + T r' + ...,  so that in a window

@@ -1,4 +1,4 @@
-"""Range rates held against the change of the pseudoranges: sign and unit, and steps of the receiver's clock."""
+"""Range rates compared with the change of the pseudoranges: sign and unit, and steps of the receiver's clock."""
 
 from __future__ import annotations
 

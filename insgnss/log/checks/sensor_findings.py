@@ -1,4 +1,4 @@
-"""Further sensors held against the satellites: rate and gaps, unit, sign, mounting and time of each.
+"""Further sensors compared with GNSS: rate and gaps, unit, sign, mounting and time of each.
 
 GNSS alone gives the antenna's position, velocity and, in motion, its course. Each sensor is compared with the one that
 it measures: a factor, an offset or a rotation beyond the noise is reported with the key that corrects it. Lever arms

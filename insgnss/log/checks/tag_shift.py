@@ -1,4 +1,4 @@
-"""By how much GNSS tags are off, from 0.05 s to some ten seconds, from the pseudoranges alone.
+"""The error of the GNSS tags, from 0.05 s to some ten seconds, estimated from the pseudoranges alone.
 
 Tags that are late by t put each satellite where it is t later: its range is off by its range rate times t, of which
 position and clock take up only what looks like them. The rest makes chi-square of an epoch a parabola of the shift s,

@@ -1,4 +1,4 @@
-"""The constant offset between the tags of inertial and GNSS log: how large, how sure, and which key mends it."""
+"""The constant time offset between inertial and GNSS log: its size, its certainty, and the key that corrects it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The antenna's way by the GNSS log alone: velocities and clocks of single-epoch solutions, and whether they hold."""
+"""The antenna's track from the GNSS log alone: velocities and clocks of single-epoch solutions, with their tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the hypotheses that the logs leave to a declaration of axes: the simplest, and whether it is the only one.
+"""The axes to declare, from the hypotheses that fit the logs: the simplest one, and whether it is the only one.
 
 The findings say that the axes fit, other axes fit, or the log cannot decide between several. A proposal is sure only
 where the log speaks clearly against every other reading of the columns. Where another one does as well, the one that a

@@ -1,4 +1,4 @@
-"""What to declare for cells that are not the numbers, or not the dates and times, that a flight file says they are."""
+"""Advice for cells that are not the numbers, dates or times that the flight file declares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a CSV file is written: its delimiter, its header line, and how many lines stand before the data."""
+"""The dialect of a CSV file: its delimiter, its header line, and the number of lines before the data."""
 
 from __future__ import annotations
 

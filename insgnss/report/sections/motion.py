@@ -1,4 +1,4 @@
-"""Height, velocity and attitude over time with their bands, and how large the sigma were."""
+"""Height, velocity and attitude over time with their bands, and the size of their sigmas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well the satellites were received, and how well they stood: C/N0 of each, dilution of precision of those used."""
+"""Reception and geometry: C/N0 of each satellite, and the dilution of precision of those used."""
 
 from __future__ import annotations
 

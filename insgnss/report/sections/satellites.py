@@ -1,4 +1,4 @@
-"""Who was tracked when: a line per satellite, coloured by its status, and how many were used."""
+"""Satellites tracked over time: a line per satellite, coloured by its status, and the number used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the satellites stood: in the local level and in the body, with the antenna's gain where it is known."""
+"""Sky plots of the satellites: in the local level and in body axes, with the antenna's gain where it is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which fault moves the solution how far, and the alerts, each of which names the satellite that is suspect.
+"""The effect of each fault on the solution, and the alerts, each of which names the suspect satellite.
 
 A fault of one satellite moves the full solution and all sub-filters that still use the satellite, so separations of
 healthy satellites exceed their limits as well, sometimes by more: with fewer satellites the fault weighs more. The

@@ -1,4 +1,4 @@
-"""Protection levels of the live filter: a sub-filter for each fault runs beside it.
+"""Protection levels of the live filter: a sub-filter for each fault runs in parallel.
 
 Before a satellite is used for the first time, the filter without it is the full filter itself. So its sub-filter begins
 as a copy of the full filter, made before the first epoch with that satellite, and is from then on, to the last bit, the

@@ -1,4 +1,4 @@
-"""The path of a run at the times of its satellites: place, attitude, acceleration, and how well the last is known."""
+"""The path of a run at the times of its satellites: position, attitude, acceleration and its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a vehicle was and how it was turned, over time: from a reference, a run, or numbers."""
+"""Position and attitude of a vehicle over time: from a reference, a run, or numbers."""
 
 from __future__ import annotations
 

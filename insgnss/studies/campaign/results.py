@@ -1,4 +1,4 @@
-"""A campaign's results: a data set of Parquet files, summed up piece by piece, however large it is.
+"""A campaign's results: a data set of Parquet files, summarised piece by piece, whatever its size.
 
 Quantiles come from a histogram whose bins grow by 2 %: they are right to 1 % of their value, and a column costs some
 thousand numbers per group, whatever the number of rows.

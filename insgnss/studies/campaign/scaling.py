@@ -1,4 +1,4 @@
-"""How long a campaign takes on how many workers: the scheduler as one server, the workers as many, played through.
+"""Duration of a campaign by number of workers: a simulated queue, the scheduler as one server, the workers as many.
 
 Two numbers are measured on one machine, the seconds of a run on a worker and the seconds that scheduler and client
 spend on a task; bytes are those of what travels and of what is written. Beyond the measured workers the queue is

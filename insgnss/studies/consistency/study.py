@@ -1,4 +1,4 @@
-"""Is a run's filter as good as it says? Innovations, whiteness, errors, sigmas, and the verdict in plain words.
+"""Tests whether a run's errors agree with its sigmas: innovations, whiteness, errors, and the verdict in words.
 
 | table         | one row for each | columns |
 |---------------|------------------|---------|

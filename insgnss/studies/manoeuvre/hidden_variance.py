@@ -1,4 +1,4 @@
-"""How well the filter goes on predicting the pseudoranges of satellites that are hidden: D = h P^- h^T over time.
+"""Variance of the filter's predicted pseudoranges of hidden satellites over time: D = h P^- h^T.
 
 The scenario of A. I. Sokolov and Yu. S. Yurchenko (2015): a user at rest, eleven satellites, five of them off for 20 s.
 """

@@ -1,4 +1,4 @@
-"""Which bank on which heading hides what, and what it costs: bank x heading x antenna x IMU grade, without noise.
+"""Satellites hidden by a bank, and the cost: bank x heading x antenna x IMU grade, without noise.
 
 | table      | one row for each | columns |
 |------------|------------------|---------|

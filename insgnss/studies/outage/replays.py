@@ -1,4 +1,4 @@
-"""Many outages for little more than one pass: the filter is kept as it stood before each, and goes on from there.
+"""Many outages for little more than one pass: the filter's state before each is stored, and a branch starts from it.
 
 An outage changes nothing before it begins. So one undisturbed pass over the log leaves a copy of the filter at the
 beginning of each window, and from each a branch runs over the log without the rows taken away, to some time after their

@@ -1,4 +1,4 @@
-"""What it costs to lose measurements: drift in windows without them, percentiles by time since the loss, and the return.
+"""The outage study: drift in windows without measurements, percentiles by time since the loss, and the recovery.
 
 | table       | one row for each | columns |
 |-------------|------------------|---------|

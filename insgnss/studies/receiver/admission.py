@@ -1,4 +1,4 @@
-"""What numbers a receiver study takes: each refusal names its key, says why, and what to give."""
+"""Checks of a receiver study's options: each error names the key, the reason and the valid values."""
 
 from __future__ import annotations
 

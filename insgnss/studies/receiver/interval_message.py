@@ -1,4 +1,4 @@
-"""What the observations of one interval alone say of a channel's range and rate at its end, compiled.
+"""A channel's range and rate at the end of an interval, from the observations of that interval alone; compiled.
 
 In an interval of n integrations a channel sees ``z_k = e_k + noise``, e of the truth less the path that the second
 stage had predicted; the corrections that the channel's own filter makes to its replica are known and taken off. With

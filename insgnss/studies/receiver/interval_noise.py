@@ -1,4 +1,4 @@
-"""What oscillator and motion do within an interval to the messages of its channels, compiled.
+"""The noise that oscillator and motion within an interval add to the messages of its channels; compiled.
 
 A message (``interval_message``) assumes that nothing disturbs its path. But the noise w_j that enters between the
 observations j - 1 and j is not in the earlier ones, which the message carries to the end without it. So it is off by

@@ -1,4 +1,4 @@
-"""What a receiver study's loop works on: its design, what arrives, the rooms of filter and channels, its history."""
+"""The workspace of a receiver study's loop: design, signals, states of filter and channels, history."""
 
 from __future__ import annotations
 
