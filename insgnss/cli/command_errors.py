@@ -21,7 +21,7 @@ _OPTIONS: Final = {"output": "--rate, --times", "point": "--point"}
 
 @contextmanager
 def own_errors_told() -> Iterator[None]:
-    """Turn an ``InsGnssError`` into its message and exit code, and a warning of ours into its sentence."""
+    """Turn an ``InsGnssError`` into its message and exit code, and a warning of the package into its text."""
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _sentence_of(warnings.showwarning)

@@ -180,7 +180,7 @@ def _print_events(console: Console, run: Run) -> None:
 
 
 def _print_aiding(console: Console, run: Run) -> None:
-    """Print how much aiding there is, how good it takes itself to be, and how long it took."""
+    """Print the amount of aiding, its stated sigma, and the time taken."""
     if run.aiding is None:
         return
     rows, config, took = len(run.aiding), run.settings["aiding"], run.settings["took"]

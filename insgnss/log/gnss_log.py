@@ -210,7 +210,7 @@ def _stacked(tables: list[Any]) -> Any:
 
 
 def missing_navigation(path: Path) -> NavigationDataError:
-    """Return the error of a flight that says nothing about where the satellites were."""
+    """Return the error of a flight without any source of satellite positions."""
     return NavigationDataError(
         "no satellite positions: the GNSS log has no satellite states and there is no navigation file",
         file=path,

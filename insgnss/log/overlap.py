@@ -48,7 +48,7 @@ def epochs_outside(imu_ns: Int64, gnss_ns: Int64) -> tuple[int, int]:
 
 
 def outside_events(imu_ns: Int64, gnss_ns: Int64) -> list[Event]:
-    """Return an event for each end of the inertial log beyond which the GNSS log goes on by more than one epoch."""
+    """Return an event for each end of the inertial log that the GNSS log passes by more than one epoch."""
     before, after = epochs_outside(imu_ns, gnss_ns)
     return [
         Event(int(t_ns), "epochs_without_imu", f"{count} GNSS epoch(s) {where}: not used")

@@ -44,7 +44,7 @@ def distinct_rows(t_ns: Int64, good: Bool) -> Int64:
 
 
 def stated_sigmas(sigma: Float64) -> Float64:
-    """Return sigmas with NaN in place of those that state nothing."""
+    """Return sigmas with NaN in place of those that are not stated."""
     return np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < _LARGEST_SIGMA), sigma, np.nan)
 
 

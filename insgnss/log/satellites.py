@@ -42,7 +42,7 @@ def normalised_name(text: str) -> str | None:
 
 
 def channel_of_name(name: str) -> int | None:
-    """Return the channel of a GLONASS satellite that is known by nothing else ("R46" -> -4), None for all others."""
+    """Return the channel of a GLONASS satellite known only by its channel ("R46" -> -4), None for all others."""
     channel = int(name[1:]) - CHANNEL_NAME_ZERO
     return channel if name[0] == "R" and channel in CHANNELS_IN_USE else None
 
@@ -64,7 +64,7 @@ def bare_number(text: str) -> int | None:
 
 
 def system_letter(text: str, codes: Mapping[str, str]) -> str | None:
-    """Return a constellation's letter in RINEX of its letter, its name or its code, None when it is none of these."""
+    """Return a constellation's RINEX letter from its letter, name or code, None if unknown."""
     word = text.strip()
     number = bare_number(word)
     code = codes.get(word) or (None if number is None else codes.get(str(number)))

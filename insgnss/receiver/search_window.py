@@ -92,10 +92,10 @@ def doppler_bins(half_width_hz: Float64, look_s: Float64, grid: Grid) -> Float64
 
 
 def search_time_s(n_cells: npt.ArrayLike, accumulation_s: npt.ArrayLike, correlators: int) -> Float64:
-    """Return how long N cells take with M correlators that each look at one cell for a time T.
+    """Return the time to search N cells with M correlators, each of which takes a time T per cell.
 
     Equation: ceil(N / M) T; 1000 cells, 100 correlators, 316 ms: 3.16 s        [Sokolov and Yurchenko 2015]
-    Neglects: cells that a fast Fourier transform would look at together.
+    Neglects: cells that a fast Fourier transform would search in parallel.
     """
     T = np.asarray(accumulation_s, float)
     passes = np.ceil(np.asarray(n_cells, float) / correlators)

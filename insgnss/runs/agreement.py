@@ -23,7 +23,7 @@ class HeadingAgreement(NamedTuple):
 
     @property
     def is_lost(self) -> bool:
-        """Return whether it was known, and is not at the end."""
+        """Return whether the heading was known but is not at the end."""
         return self.known_s is not None and not self.last_deg < self.limit_deg
 
 

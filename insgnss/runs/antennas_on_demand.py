@@ -45,7 +45,7 @@ def require_common_epochs(logs: FlightLogs, flight: Flight) -> None:
 
 
 def with_aid(setup: FilterSetup, flight: Flight) -> FilterSetup:
-    """Return the setup with the attitude stage of the flight's antennas, as yet without phases."""
+    """Return the setup with the attitude stage of the flight's antennas, still without phases."""
     if flight.config.attitude is None:
         return setup
     from insgnss.runs.multi_antenna import attitude_aid

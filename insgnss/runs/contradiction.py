@@ -32,7 +32,7 @@ KINDS: Final = ("pseudorange", "range_rate")
 def contradiction(
     events: pd.DataFrame, measurements: pd.DataFrame, counts: pd.DataFrame, t_ns: int
 ) -> list[Event]:
-    """Return the event that sends the reader to the check of the logs; none of a run that looks sound.
+    """Return the event that recommends ``insgnss check``; none if the run looks consistent.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from insgnss.tables import Event
 
 
 def attitude_aid(setup: FilterSetup, flight: Flight, attitude: AttitudeConfig) -> AttitudeAid:
-    """Return the attitude stage of the flight's antennas, as yet without phases.
+    """Return the attitude stage of the flight's antennas, still without phases.
 
     Raises
     ------

@@ -214,7 +214,7 @@ def _row_times(keys: RowKeys, week: int) -> Float64:
 
 
 def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> Columns:
-    """Return one row per satellite and epoch: where it stands, and how well its range and rate were predicted.
+    """Return one row per satellite and epoch: its direction, and the sigmas of the predicted range and range rate.
 
     Of several signals of a satellite the one that was used stands, else the first. ``sd_range_m`` and
     ``sd_range_rate_mps`` are sqrt(h P h^T) before the update. Words are numbers into the log's names and ``_STATES``.

@@ -93,7 +93,7 @@ def refuse_smoothing(*, smooth: bool, beside: bool) -> None:
 
 
 def refuse_integrity(flight: Flight, *, integrity: bool) -> None:
-    """Refuse protection levels where there is no satellite that they could be without.
+    """Refuse protection levels for a flight without satellites.
 
     Raises
     ------

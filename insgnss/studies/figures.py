@@ -69,7 +69,7 @@ def shade(axes: Axes, outage_s: tuple[float, float]) -> None:
 
 
 def drift_figure(drift: pd.DataFrame, errors: pd.DataFrame, percentiles: pd.DataFrame, title: str) -> Figure:
-    """Return a panel for each thing the solution is held against; tables are those of ``OutageStudy``."""
+    """Return a panel for each solution or reference of the comparison; tables are those of ``OutageStudy``."""
     against = [("undisturbed", "drift from the undisturbed solution, m", drift)]
     against += [("reference", "error against the reference, m", errors)] if len(errors) else []
     figure = new_figure(6.0 * len(against), 4.8)

@@ -252,10 +252,10 @@ def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int
 
 
 def covariance_analysis(flight: MatchedFlight) -> FilterErrors:
-    """Return what one run without any error gives: its covariance is that of a thousand with errors.
+    """Return the result of one run without errors: its covariance is that of a thousand runs with errors.
 
     Equation: P+ = (I - K H) P-, P- = Phi P Phi^T + Q along the true trajectory; no measurement enters it
-    Neglects: what the estimate's own error does to Phi, H and the gates, of second order in the error.
+    Neglects: the effect of the estimate's error on Phi, H and the gates, of second order in the error.
     """
     return flight.run(flight.draw(None))
 

@@ -38,7 +38,7 @@ class OptimumLoop(NamedTuple):
 
 
 class AidingCurve(NamedTuple):
-    """What loops are worth over the quality of their aiding, (n,)."""
+    """Performance of loops as a function of their aiding quality, (n,)."""
 
     density: Float64  # S_S, one-sided [rad^2/s^3]
     rms_rad: Float64  # at the C/N0 asked for

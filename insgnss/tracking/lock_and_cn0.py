@@ -53,7 +53,7 @@ def phase_lock(prompt: Complex, block: int, blocks: int = 1, unbiased: bool = Tr
 
 
 def expected_phase_lock(phase_rad: npt.ArrayLike, a: float, block: int) -> Float64:
-    """Return what ``phase_lock`` gives on average with the noise left in.
+    """Return the expected value of ``phase_lock``, noise included.
 
     Equation: cos(2 e_phi) a M / (a M + 2)
     """
@@ -71,7 +71,7 @@ def frequency_lock(prompt: Complex, window: int) -> Float64:
 
 
 def expected_frequency_lock(frequency_radps: npt.ArrayLike, a: float, integration_s: float) -> Float64:
-    """Return what ``frequency_lock`` gives on average.
+    """Return the expected value of ``frequency_lock``.
 
     Equation: cos(2 w T) (a p / (a p + 2))^2, p = sinc^2(w T / 2)
     """

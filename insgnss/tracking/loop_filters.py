@@ -67,7 +67,7 @@ class LoopFilter:
         return len(self.gains)
 
     def closed_loop(self) -> Float64:
-        """Return what takes an error of the prediction to the next one, F (I - L H), (order, order)."""
+        """Return the closed loop's transition matrix of prediction errors, F (I - L H), (order, order)."""
         F = transition(self.order, self.step_s)
         LH = np.zeros((self.order, self.order))
         LH[:, 0] = self.gains

@@ -52,7 +52,7 @@ class CarrierDynamics:
 
 
 class Assessment(NamedTuple):
-    """Errors of the channels that did not slip, NaN if all did, beside what the linear loop makes of the noise."""
+    """Errors of the channels that did not slip, NaN if all did, beside the noise of the linear loop."""
 
     channels: int
     slipped: int

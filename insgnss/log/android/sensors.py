@@ -93,7 +93,7 @@ class PhoneClock:
 def inertial(kinds: dict[str, AndroidLines], clock: PhoneClock) -> tuple[ImuTable | None, list[Event]]:
     """Return a row for each gyro sample, the specific force interpolated to it, in the phone's axes.
 
-    From the raw rates of a phone that states their drift, several deg/s of some, its median is taken off.
+    If the phone states the drift of its raw rates (several deg/s in some), the median drift is subtracted.
     """
     if not any(kinds.get(kind, AndroidLines()).texts for kind in INERTIAL_KINDS):
         return None, []

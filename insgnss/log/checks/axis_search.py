@@ -79,7 +79,7 @@ class Match(NamedTuple):
 
 
 def in_motion(stretches: list[GnssStretch]) -> list[GnssStretch]:
-    """Return the stretches whose motion stands out of the noise."""
+    """Return the stretches whose motion exceeds the noise."""
     return [stretch for stretch in stretches if stretch.motion > MIN_MOTION]
 
 

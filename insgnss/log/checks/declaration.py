@@ -31,7 +31,7 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration
 
     Parameters
     ----------
-    imu : the log as read by ``read_imu``, where it could be; else it is read again and held against nothing
+    imu : the log as read by ``read_imu``, where it could be; else it is read again without checks
 
     Raises
     ------

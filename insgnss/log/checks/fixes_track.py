@@ -108,7 +108,7 @@ _UNSTATED_MPS: Final = 0.1  # sigma of a velocity where neither log nor flight f
 
 
 class FixesTrack(NamedTuple):
-    """The way of a vehicle by its fixes."""
+    """The track of a vehicle by its fixes."""
 
     track: GnssTrack
     lever_b: LeverArm  # of the point whose way it is

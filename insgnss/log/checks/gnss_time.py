@@ -44,7 +44,7 @@ class _Shift(NamedTuple):
 def gnss_time_findings(
     flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
 ) -> list[Finding]:
-    """Return by how much the GNSS tags are off: weeks, hours, leap seconds, or any time up to 14 hours.
+    """Return the error of the GNSS tags: weeks, hours, leap seconds, or any time up to 14 hours.
 
     The pseudoranges show it. With few satellites only whole weeks, hours and leap seconds are sought, and several may
     do: then the one that makes the logs overlap counts. Epochs with fewer than four satellites of known messages say

@@ -40,7 +40,7 @@ def fitting_units(config: Magnetometer, total_ut: float) -> list[str]:
 
 
 def wrong_vertical(level_b: Float64, sign: int) -> str:
-    """Return in words that the vertical field of level readings (n, 3) points the wrong way, or nothing."""
+    """Return a sentence if the vertical field of level readings (n, 3) has the wrong sign, else nothing."""
     down, total = float(np.median(level_b[:, 2])), float(np.median(np.linalg.norm(level_b, axis=1)))
     if sign == 0 or sign * down >= -_UPRIGHT * total:
         return ""

@@ -309,7 +309,7 @@ def jumps_that_agree(size_m: Float64) -> Bool:
 
 
 def leaps_finding(size_m: Float64, where: str = "") -> Finding:
-    """Return what leaps of the clock are that are not its jumps: epochs with wrong pseudoranges."""
+    """Return the finding on clock leaps that are not clock jumps but epochs with wrong pseudoranges."""
     least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
     text = (
         f"the clock offset leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms{where}, and returns at the next"

@@ -76,7 +76,7 @@ def read_imu(
 
 
 def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
-    """Read an inertial log in the sensor's own axes, by its declared units, held against nothing.
+    """Read an inertial log in the sensor's own axes and its declared units, without checks.
 
     Raises
     ------

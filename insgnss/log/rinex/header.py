@@ -25,7 +25,7 @@ _TIME: Final = re.compile(r"(\d+) +(\d+) +(\d+) +(\d+) +(\d+) +(\d+\.\d*) +([A-Z
 
 
 def mended_header(text: str, path: str) -> tuple[str, list[Event]]:
-    """Return a text with its header lines repaired for the reader, as far as possible, and the repairs."""
+    """Return a text with its header lines repaired for the reader where possible, and the repairs."""
     events: list[Event] = []
     for _ in range(_MOST_LINES):
         try:

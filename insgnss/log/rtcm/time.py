@@ -90,7 +90,7 @@ class EpochTimes:
 
 
 def stream_date(messages: list[Any], declared: dt.date | None) -> StreamDate | None:
-    """Return about when the stream was recorded, None when nothing says it.
+    """Return the approximate time of recording of the stream, None if nothing states it.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ _COVARIANCES: Final = {PVT: (POS_COV, VEL_COV), PVT_ECEF: (POS_COV_ECEF, VEL_COV
 
 
 def name_of_fixes(blocks: Blocks) -> str:
-    """Return what the blocks that hold the fixes are called."""
+    """Return the names of the blocks that hold the fixes."""
     return _NAMES[_kind_of_fixes(blocks)]
 
 

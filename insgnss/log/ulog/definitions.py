@@ -70,7 +70,7 @@ def check_definitions(data: bytes, path: Path) -> None:
 
 
 def sound_messages(data: bytes) -> tuple[bytes, list[Event]]:
-    """Return the file with its sound messages alone, and where others stood.
+    """Return the file's valid messages, and the places of the others.
 
     After a place where no message begins reading goes on where several messages follow each other again. That place may
     lie within the messages before, one of which then has a wrong size and is left out. What was appended after a crash

@@ -63,7 +63,7 @@ class Separations(NamedTuple):
 def epoch_misfit(
     blocks: Sequence[GnssRows], ledger: Sequence[LedgerPart], full: Sequence[LedgerPart]
 ) -> Float64:
-    """Return by how much worse than the full filter a sub-filter explains the measurements of each epoch (m,).
+    """Return how much worse a sub-filter explains each epoch's measurements than the full filter does (m,).
 
     Twice the logarithm of the likelihood ratio, as above; negative where the sub-filter is better.
     """

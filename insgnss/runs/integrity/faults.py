@@ -133,7 +133,7 @@ def satellites_in_view(blocks: Sequence[GnssRows], epoch_ns: Int64) -> tuple[Int
 
 
 def without(rows: GnssRows, satellites: Int64) -> GnssRows:
-    """Return a copy of rows of which none of some satellites is used."""
+    """Return a copy of rows in which no row of the given satellites is used."""
     off = np.isin(numbers_of(rows), satellites)
     observation, carrier = rows.observation.copy(), rows.carrier.copy()
     observation["status"][off[:, None] & (observation["status"] == USED)] = SWITCHED_OFF

@@ -74,7 +74,7 @@ class Protection(NamedTuple):
 
 
 def separation_of(job: Job, nav: Table, ledger: list[LedgerPart], tell: Callable[[str], None]) -> Separation:
-    """Return how far the solution without each fault's satellites is from a solution's navigation rows.
+    """Return the separation of the solution without each fault's satellites from a solution's navigation rows.
 
     ``ledger`` is that of the solution. The sub-filters share the processor's cores, unless the rows include a
     measurement of the user's own.
@@ -125,14 +125,14 @@ def protection_levels(
 
 
 def alert_limits(of_faults: Float64, config: Integrity) -> Float64:
-    """Return how far each sub-filter, of a sigma (k, 3, n), may be from the full solution without an alert."""
+    """Return the separation that each sub-filter, of a sigma (k, 3, n), may have without an alert."""
     return np.asarray(_quantile(config.false_alert / (len(AXES) * max(len(of_faults), 1))) * of_faults)
 
 
 def protection_level(
     sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: Float64 | float
 ) -> Float64:
-    """Return what the error of one axis exceeds with no more than a risk (n,), infinite where a sub-filter has no row.
+    """Return the level that one axis' error exceeds with at most the risk (n,); infinite without a sub-filter's row.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _sub_filter(
 
 
 def from_full(nav: Table, rows: Table) -> tuple[Float64, Float64]:
-    """Return how far a sub-filter's navigation rows are from the full filter's at the same times, and their sigma.
+    """Return the separation of a sub-filter's navigation rows from the full filter's at equal times, and their sigma.
 
     Both north, east, down [m] (3, n).
     """

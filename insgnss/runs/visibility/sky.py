@@ -32,7 +32,7 @@ class SatelliteDirections:
 
 
 def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> SatelliteDirections:
-    """Return where every satellite stands whose healthy broadcast message is valid at the time.
+    """Return the direction of every satellite with a healthy broadcast message valid at the time.
 
     Neglects: the flight time's difference from 75 ms and the Earth's turn meanwhile (1e-5 rad).
 

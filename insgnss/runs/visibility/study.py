@@ -76,8 +76,8 @@ def visibility(
 
     Parameters
     ----------
-    attitude : where the vehicle was and how it was turned
-    sky : where the satellites stood, at the same times
+    attitude : position and attitude of the vehicle
+    sky : directions of the satellites at the same times
     antennas : ``insgnss.antenna.equipment.installation`` of the flight's antennas
     settings : thresholds, hysteresis, margin and link budget
     elevation_mask_deg : above the local horizon; lower satellites count as not there in both cases

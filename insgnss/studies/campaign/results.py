@@ -155,7 +155,7 @@ def summary(folder: str | Path, by: Sequence[str] = ("case",), columns: Sequence
 
 
 def with_parameters(table: pd.DataFrame, config: CampaignConfig) -> pd.DataFrame:
-    """Return a summary with what sets its cases apart, the grid's values, beside each case's number."""
+    """Return a summary with the grid's values, which distinguish the cases, beside each case's number."""
     if "case" not in table.columns:
         return table
     cases = list(config.cases())

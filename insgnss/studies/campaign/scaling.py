@@ -62,7 +62,7 @@ def scaling_table(costs: Costs, runs: int, runs_per_task: int, workers: Sequence
 
 
 def throughput(task_s: float, scheduler_s: float, workers: int) -> tuple[float, float]:
-    """Return tasks a second and the scheduler's load, played through from full queues on.
+    """Return tasks per second and the scheduler's load, simulated from full queues on.
 
     Parameters
     ----------

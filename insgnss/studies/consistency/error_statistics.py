@@ -114,7 +114,7 @@ def independent_in_time(z: Float64) -> float:
     """Return how many independent values a series of scaled errors is worth, for the mean of its squares.
 
     Equation: n / (1 + 2 sum_k rho_k^2), summed up to the first lag with rho_k <= 0: Gaussian squares correlate by rho^2
-    Neglects: what the autocorrelation's own uncertainty does to the sum; fewer than some ten correlation times make the
+    Neglects: the effect of the autocorrelation's own uncertainty on it; fewer than some ten correlation times make the
     result little more than an order of magnitude.
     """
     n = len(z)

@@ -83,13 +83,13 @@ def manoeuvre_study(
     imus: Sequence[str] | None = None,
     oscillator: str | None = None,
 ) -> ManoeuvreStudy:
-    """Return what every manoeuvre of a grid hides and what that costs.
+    """Return the satellites that each manoeuvre of a grid hides, and the cost in accuracy.
 
     Parameters
     ----------
     scenario : name in ``models/scenarios``, a file, or the scenario itself: sky, outage, measurements
     banks_deg : right wing down is positive
-    headings_deg : on which the user stands
+    headings_deg : headings of the user
     antennas : patterns in the library or files; that of the scenario when None. The threshold is the scenario's
     imus, oscillator : names in the library; those of the scenario when None
 

@@ -88,7 +88,7 @@ class ChannelSpell:
 def unsupervised_channels(
     scenario: ScenarioConfig, spells: Sequence[Spell], rng: np.random.Generator
 ) -> list[ChannelSpell]:
-    """Return what the channels do without supervision; false locks are dealt out to the satellites, sizes drawn."""
+    """Return the channels' behaviour without supervision; false locks are assigned to satellites, their sizes drawn."""
     satellites = sorted({spell.sv for spell in spells})
     order = rng.permutation(len(satellites))
     locks = scenario.false_locks
@@ -176,7 +176,7 @@ def within_aperture(offset_m: float, rate_error_mps: float, settings: Search) ->
 def supervised_channels(
     spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str], said: Supervision
 ) -> list[ChannelSpell]:
-    """Return what the channels do under supervision: no false locks, measurements while the supervisor says "track".
+    """Return the channels' behaviour under supervision: no false locks, measurements in the state "track".
 
     Search and detection are those of the whole flight, reported with a satellite's first interval.
 

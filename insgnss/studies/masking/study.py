@@ -113,7 +113,7 @@ def masking_study(
     settings: Mapping[str, Any] | None = None,
     fault_tests: bool = True,
 ) -> MaskingStudy:
-    """Return what no masking, an elevation mask, attitude-aware masking and supervision make of the same flights.
+    """Compare no masking, an elevation mask, attitude-aware masking and supervision on the same flights.
 
     Within a flight all cases have the same sensor errors, clock, noise and start; (a) to (c) have the same log of an
     unsupervised receiver with the same false locks, (d) that of a supervised one, which has none.

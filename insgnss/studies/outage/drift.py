@@ -27,7 +27,7 @@ _BACK: Final = 1.1  # sigma over the undisturbed one's that counts as back
 
 
 def differences(nav: pd.DataFrame, undisturbed: pd.DataFrame, from_s: float) -> pd.DataFrame:
-    """Return how far a solution is from the undisturbed one at the times that both have.
+    """Return the difference of a solution from the undisturbed one at common times.
 
     ``sd_*`` is the expected difference by the two filters' sigmas; ``sd_undisturbed_m`` that of the position.
     """
@@ -49,7 +49,7 @@ def differences(nav: pd.DataFrame, undisturbed: pd.DataFrame, from_s: float) -> 
 
 
 def to_reference(nav: pd.DataFrame, log: OutageLog, from_s: float) -> pd.DataFrame:
-    """Return how far a solution is from the reference at the times that this covers, with the filter's own sigma."""
+    """Return the error of a solution at the times that the reference covers, with the filter's own sigma."""
     config, reference = log.flight.config, log.logs.reference
     assert reference is not None
     of_antenna = config.reference is not None and config.reference.point == "antenna"

@@ -75,7 +75,7 @@ class Removal:
         )
 
     def in_words(self) -> str:
-        """Return what is taken away."""
+        """Return the removed measurements in words."""
         what = " and ".join(kind.replace("_", " ") for kind in self.kinds) or "all measurements"
         whose = ", ".join(self.satellites) or ", ".join(self.constellations) or "all satellites"
         return f"{what} of {whose}"

@@ -241,7 +241,7 @@ def _linear_errors(
 
 
 def case_flight(asked: FlightRequest, name: str, cn0_dbhz: float) -> ReceiverFlight:
-    """Return what one receiver flies through at one C/N0, for ``receiver_row``.
+    """Return the scenario of one receiver at one C/N0, for ``receiver_row``.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class ReceiverFlight:
 def receiver_flight(
     asked: FlightRequest, wanted: Mapping[str, Variant], levels: list[float], threads: int = 1
 ) -> ReceiverFlight:
-    """Return what receivers fly through.
+    """Return the scenario that the receivers fly through.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def own_column(f: FilterRoom, c: int) -> None:
 
 @kernel(inline=True)
 def phase_apart(receiver: ReceiverDesign, f: FilterRoom, c: int) -> float:
-    """Return by how much the filter's replica of a phase stands apart from the predicted range [m]."""
+    """Return the offset of the filter's phase replica from the predicted range [m]."""
     if receiver.kind == ONE_STAGE and has_phase_states(f):
         return float(f.state[0].optional[c])
     return 0.0

@@ -120,7 +120,7 @@ def start_outlook(
 
 
 def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> SignalPrediction:
-    """Return what an outlook of one row says of the channels' satellites; the Doppler's rate is not in it."""
+    """Return the predictions for the channels' satellites from an outlook of one row, which has no Doppler rate."""
     column = {name: i for i, name in enumerate(view.sv_names)}
     p = view.predicted
     picked = [
@@ -136,7 +136,7 @@ def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> Sig
 def expected_by_aiding(
     table: AidingTable, names: Sequence[str], week: int, sample: float
 ) -> SignalPrediction:
-    """Return what the aiding of one instant says of the channels' satellites."""
+    """Return the predictions for the channels' satellites from the aiding of one instant."""
     columns = table.columns(week)
     number = {name: i for i, name in enumerate(table.sv_names)}
     row = {int(sv): i for i, sv in enumerate(columns["sv"])}
@@ -219,7 +219,7 @@ def search_for(
 def acquire_recording(
     file: IqFile, start_s: float, look_s: float, looks: int, doppler_hz: float, pfa: float
 ) -> pd.DataFrame:
-    """Return what a recording holds of every GPS satellite: one row each, the strongest first.
+    """Return the search result for every GPS satellite in a recording: one row each, the strongest first.
 
     ``status`` is "found", "not_found", or "cross_correlation": beyond the threshold but more than 15 dB below the
     strongest signal, whose correlation with another code alone may be that high (65/1023 of the amplitude are 24 dB,

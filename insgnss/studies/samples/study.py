@@ -120,7 +120,7 @@ def sample_receiver(
     threads: int = 2,
     progress: Progress | None = None,
 ) -> SampleStudy:
-    """Return what an aided and an unaided receiver do with the samples of a flight, at each loss of C/N0.
+    """Return the results of an aided and an unaided receiver on the samples of a flight, at each loss of C/N0.
 
     Parameters
     ----------
