@@ -68,7 +68,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     ------
     InputError or a subclass : an input is missing, unknown or unreadable, none of them is a log, or logs of several
         formats do not fit together
-    ResultError : the folder cannot be written, or a file of somebody else has one of the names
+    ResultError : the folder cannot be written, or another program's file has one of the names
     """
     declared = LogDeclarations() if declared is None else declared
     formats = tuple((path, detect_format(path)) for path in inputs)

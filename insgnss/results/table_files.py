@@ -74,7 +74,7 @@ def save_study(folder: str | Path, tables: Mapping[str, pd.DataFrame], form: Tab
 
     Raises
     ------
-    ResultError : the folder cannot be written, or a file of somebody else has one of the names
+    ResultError : the folder cannot be written, or another program's file has one of the names
     """
     folder = Path(folder)
     with writing("the study", folder), saving(folder, table_files(tables), kind) as new:

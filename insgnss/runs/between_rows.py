@@ -6,14 +6,14 @@ Between the rows at t_0 and t_1, T apart, with u = (t - t_0) / T and axes of ECE
     v = v_0 + u (v_1 - v_0)
     C = exp(u log(C_1 C_0^T)) C_0
 
-What the vehicle does between rows is lost as far as they do not show it. With w and a the mean rate and acceleration of
-a step, what is lost is taken to be, one sigma and at its largest,
+Motion between rows that the rows do not show is lost. With w and a the mean angular rate and acceleration of a step, the
+largest loss within the step (one sigma) is assumed to be
 
     of attitude |dw| T / 8,    of velocity |da| T / 8,    of position |da| T^2 / 64
 
-where d is the difference of the steps after and before: a rate that grows steadily gives half of that in the middle of
-a step, one that leaps there twice. It is added to the sigmas of the rows, and where it is too much there is an error.
-An oscillation that the rows do not resolve stays unseen.
+where d is the difference between the next and the previous step. A steadily growing rate loses half of this in the
+middle of a step, a rate that steps there twice this. The loss is added to the sigmas of the rows; a loss beyond the
+limits is an error. An oscillation that the rows do not resolve stays unseen.
 """
 
 from __future__ import annotations

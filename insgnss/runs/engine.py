@@ -36,24 +36,25 @@ _READINGS_KEPT_NS = 600 * NS_PER_S
 class Engine(FilterEngine):
     """A live filter.
 
-    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
-    setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    the rows that became final since the last call, ``engine.events`` all events. Of several antennas ([attitude] in
-    the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further one by its name, and
-    ``EpochResult.differences`` has the status of their phases. ``engine.sensor("odometer", t_ns, speed)`` takes the
-    readings of further sensors ([[sensor]]).
+    Call ``engine.imu(...)`` for every inertial sample and ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
+    setting of the filter) after the samples of its time. ``engine.state`` is the newest state,
+    ``engine.take_results()`` returns the rows that became final since the last call, ``engine.events`` has all events.
+    With several antennas ([attitude] in the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further
+    antenna by its name, and ``EpochResult.differences`` has the status of the phase differences.
+    ``engine.sensor("odometer", t_ns, speed)`` takes the readings of further sensors ([[sensor]]).
 
-    With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
-    the epochs known by then and before the sample: where none comes late it is ``run.aiding`` of a replay, to the last
-    bit (but for a given start, whose rows a replay knows from its time on, the engine from the first epoch on).
+    With ``aiding``, each call of ``imu`` that reaches an output time passes the aiding to ``on_aiding`` before it
+    returns. The aiding uses the epochs that are known by then and lie before the sample. If no epoch is late, it is
+    bit-identical to ``run.aiding`` of a replay. (With a given start, a replay has rows from the time of the
+    start on, the engine from the first epoch on.)
 
-    With ``supervise``, ``take_supervision`` has what the search supervisor decides of every satellite at each epoch,
-    and at the usual interval while the receiver is silent. Where the epochs come in their order, the rows are
+    With ``supervise``, ``take_supervision`` returns the search supervisor's decision for every satellite at each epoch,
+    and at the usual interval while the receiver is silent. If the epochs arrive in order, the rows are
     ``run.supervision`` and ``run.transitions`` of a replay.
 
-    With ``integrity``, ``state`` and ``EpochResult.protection`` have protection levels. Once the satellites and
-    constellations of a log have all been used, and where pairs of constellations need no sub-filter, they are those of
-    a replay (``runs.integrity.live``).
+    With ``integrity``, ``state`` and ``EpochResult.protection`` have protection levels. They equal those of a replay once
+    all satellites and constellations of a log have been used, if pairs of constellations need no sub-filter
+    (``runs.integrity.live``).
     """
 
     def __init__(
@@ -170,9 +171,9 @@ class Engine(FilterEngine):
     def sensor(self, name: str, t_ns: int, values: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> None:
         """Take a reading of a further sensor of the flight file ([[sensor]]), at most ``latency_s`` late.
 
-        One that comes before the samples of its time waits for them; a later one lets the filter go back. A reading
-        within ``interval_s`` of another of the sensor is left out, as in a replay. Where readings come in the order of
-        their times, all results are those of a replay to the last bit.
+        A reading that arrives before the samples of its time waits for them; for a late one the filter goes back. A
+        reading within ``interval_s`` of another of the sensor is left out, as in a replay. If the readings arrive in the
+        order of their times, all results are bit-identical to those of a replay.
 
         Parameters
         ----------

@@ -76,7 +76,7 @@ class PointRun(ResultDisplay):
 
         Raises
         ------
-        ResultError : the folder cannot be written, or a file of somebody else has one of the names
+        ResultError : the folder cannot be written, or another program's file has one of the names
         """
         folder = Path(folder)
         writing_files = writing("the solution", folder, "give another --output folder")
@@ -140,7 +140,7 @@ def point(
     missed_detection: float = 1e-3,
     progress: Callable[[str], None] | None = None,
 ) -> PointRun:
-    """Solve every GNSS epoch of a flight for itself, with the filter's signals, masks, corrections and noise.
+    """Solve every GNSS epoch of a flight independently, with the filter's signals, masks, corrections and noise.
 
     Positions are at the receiver's time tags. The inertial log is not opened.
 
@@ -148,7 +148,7 @@ def point(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
-    settings : of the filter, to be otherwise, as in ``replay``
+    settings : changed settings of the filter, as in ``replay``
     false_alarm : probability that the chi-square test refuses an epoch without a fault
     missed_detection : probability of a fault beyond the protection level that passes the test
     progress : is called with a description of the current step

@@ -101,27 +101,27 @@ def replay(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
-    settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
+    settings : changed settings of the filter, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
-        increasing times: seconds of the flight's GPS week, or dates with a zone as for ``run.at``. The filter itself
-        is carried to each, so attitudes of a camera are right however the vehicle turns; a time without a filter has
-        no row, which an event reports
-    point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
+        increasing times: seconds of the flight's GPS week, or dates with a zone as for ``run.at``. The filter is
+        propagated to each time, so a camera's attitudes are correct even in turns; a time without a filter has
+        no row, and an event reports this
+    point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows include:
         forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
-    quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first
-    covariance : whether they are to have the covariances of position, velocity and attitude, and of the point
-    aiding : rate [Hz] of ``run.aiding``, the filter's other settings of the aiding kept, or all settings; None: no
+    quaternion : whether the rows include the attitude as a quaternion, body to north-east-down, scalar first
+    covariance : whether the rows include the covariances of position, velocity and attitude, and of the point
+    aiding : rate [Hz] of ``run.aiding``, with the filter's other aiding settings, or all aiding settings; None: no
         aiding
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
-    smooth : whether ``run.nav`` uses the whole log for each time, not only the data before it, inside
-        outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
-        still those of the filter
+    smooth : whether ``run.nav`` uses the whole log for each time, not only the data before it, also inside
+        outages and while several headings were open (``filter.smoothing.smoother``); ``run.measurements`` are still
+        those of the filter
     integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` the separation
-        of the solution without each satellite and constellation; the filter runs once more for each, its settings are
+        of the solution without each satellite and constellation; the filter runs once more for each; its settings are
         the filter's ``[integrity]``
-    states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
-    measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
+    states : further states for the filter to estimate, such as scale factors of a sensor: ``insgnss.StateBlock``
+    measurements : the user's own, between epochs or at an epoch (applied before it): objects with ``name``, ``times_ns`` and
         ``rows(state, layout)``, see ``Measurement``. Their rows are in ``run.measurements`` by their name
     progress : is called with a description of the current step
 

@@ -128,7 +128,7 @@ class Run(ResultDisplay):
 
         Raises
         ------
-        ResultError : the folder cannot be written, or a file of somebody else has one of the names
+        ResultError : the folder cannot be written, or another program's file has one of the names
         """
         folder = Path(folder)
         with (
@@ -178,9 +178,9 @@ class Run(ResultDisplay):
     ) -> pd.DataFrame:
         """Return rows of ``nav`` at any times of the run, in their order: interpolated between its rows.
 
-        Position by a cubic with the velocities at both rows, attitude by the shortest turn, all else straight. What a
-        vehicle does between rows is lost: how much, is estimated by how rate and acceleration change from step to
-        step, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns, rows at GNSS epochs are
+        Position is interpolated by a cubic with the velocities at both rows, attitude by the shortest rotation, all else
+        linearly. Motion between rows is lost: the loss is estimated from the changes of rate and acceleration between
+        steps, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns, rows at GNSS epochs are
         too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"`` rows that
         can be interpolated.
 
@@ -189,7 +189,7 @@ class Run(ResultDisplay):
         times_s : in any order: seconds of the GPS week, as in ``nav["time_s"]``; or dates with a zone, which become
             GPS time with the leap seconds in force: a DatetimeIndex as that of ``nav_with(utc=True)``, ``datetime``
             objects, text in ISO 8601 ("2025-09-24T09:36:22.25Z"). A date without a zone is an error
-        most_deg, most_m, most_mps : how much may be lost of attitude, position and velocity, one sigma
+        most_deg, most_m, most_mps : largest permitted loss of attitude, position and velocity, one sigma
         refuse : whether a time outside the run, in a gap of its rows, or at which more than that may be lost is an
             error; if not, its row holds NaN except ``time_s``
 
@@ -225,7 +225,7 @@ class Run(ResultDisplay):
     def nis_summary(self, from_s: float | None = None) -> pd.DataFrame:
         """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95).
 
-        Of the time from ``from_s`` on; when None from the heading known on, where it became known.
+        The summary begins at ``from_s``; if None, when the heading became known, if it did.
         """
         begin_s = self._settled_s(from_s)
         chi_square_95 = 3.841458820694124  # one degree of freedom
@@ -258,13 +258,13 @@ class Run(ResultDisplay):
     ) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
-        ``rms_over_noise`` is that against the sigma without the slow errors, sqrt(sd^2 - sd_slow^2).
+        ``rms_over_noise`` is the last with the sigma without slow errors, sqrt(sd^2 - sd_slow^2).
 
         Parameters
         ----------
         quality : keeps only the reference rows of at most that quality number
-        from_s : keeps only the rows from that time on [s of the week]; when None from the heading known on, where it
-            became known within the reference. ``-math.inf`` keeps all.
+        from_s : keeps only the rows from that time on [s of the week]; if None, from the time at which the heading
+            became known, if that is within the reference. ``-math.inf`` keeps all.
         to_s : keeps only the rows up to that time
         """
         if self.errors is None:

@@ -59,7 +59,7 @@ def engine_settings(
     ----------
     flight : the flight or its file
     filter : a name in the library, a file, or the settings themselves
-    settings : of the filter, to be otherwise, as in ``replay``
+    settings : changed settings of the filter, as in ``replay``
     signals : constellation and RINEX code of all signals that the receiver will send, as ("G", "C1C"); when None every
     band of
         the filter's settings gets its clock, for each constellation that has an ephemeris

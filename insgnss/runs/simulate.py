@@ -80,7 +80,7 @@ class Simulation(ResultDisplay):
 
         Raises
         ------
-        ResultError : the folder cannot be written, or a file of somebody else has one of the names
+        ResultError : the folder cannot be written, or another program's file has one of the names
         """
         folder = Path(folder)
         with writing("the logs", folder):

@@ -51,7 +51,7 @@ class SavedStudy(ResultDisplay):
 
         Raises
         ------
-        ResultError : the folder cannot be written, a file of somebody else has one of the names, or matplotlib is not
+        ResultError : the folder cannot be written, another program's file has one of the names, or matplotlib is not
             installed
         """
         path = Path(folder)

@@ -44,7 +44,7 @@ time_s: seconds; `[reference.time]` states unit, origin and scale; dates and wee
 lat_deg lon_deg h_m: position, WGS-84, height above the ellipsoid
 vn ve vd: velocity north, east, down, m/s; optional
 roll_deg pitch_deg yaw_deg: attitude; optional
-quality: the reference's own mark; optional
+quality: quality number of the reference; optional
 sd_n_m sd_e_m sd_d_m sd_vn_mps sd_ve_mps sd_vd_mps sd_roll_deg sd_pitch_deg sd_yaw_deg: its one sigma of each; optional
 """
 _RECEIVER_EVENTS = """

@@ -66,7 +66,7 @@ cov_vn_vn_m2ps2 cov_vn_ve_m2ps2 cov_vn_vd_m2ps2 cov_ve_ve_m2ps2 cov_ve_vd_m2ps2 
 cov_turn_n_turn_n_deg2 cov_turn_n_turn_e_deg2 cov_turn_n_turn_d_deg2 cov_turn_e_turn_e_deg2
   cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude error: the small rotations about north, east
   and down from the true attitude to the estimated one
-point_lat_deg point_lon_deg point_h_m: where the point of the body is, WGS-84; with `--point`, as the next three lines
+point_lat_deg point_lon_deg point_h_m: position of the point of the body, WGS-84; with `--point`, as the next three lines
 point_vn_mps point_ve_mps point_vd_mps: its velocity against the Earth: north, east, down
 sd_point_n_m sd_point_e_m sd_point_d_m: one sigma of its position
 sd_point_vn_mps sd_point_ve_mps sd_point_vd_mps: one sigma of its velocity
@@ -85,18 +85,18 @@ posix_s: seconds of UTC since 1970, in MAT files
 """
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
-sv: satellite, as G05; empty of a further sensor or a user's own measurement
-signal: RINEX code, as C1C; empty of a user's own measurement
+sv: satellite, as G05; empty for a further sensor or a user's own measurement
+signal: RINEX code, as C1C; empty for a user's own measurement
 kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a further
   sensor ([[sensor]]) or of a user's own measurement; of `[vehicle]` in the flight file non_holonomic, course,
   zero_velocity, zero_rate
 antenna: with several antennas, the antenna of an attitude difference
-innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
-  unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
-  a filter that is lost
-sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit; the gate adds to it the slow
-  errors that the state has not taken yet
-nis: squared ratio of the two: 1 on average where filter and noise agree
+innovation: measured minus predicted, at the prior; in m, for a range rate in m/s, for a user's own measurement in its
+  unit; this and the next two columns are empty where nothing was predicted: before the filter starts, without satellite
+  data, below a mask, while the filter is lost
+sd_innovation: predicted sigma of the innovation, measurement noise included, in the same unit; the gate adds the slow
+  errors that are not yet in the state
+nis: square of innovation over sd_innovation: 1 on average if filter and noise agree
 status: used, or why not: see the list at the end
 """
 _SATELLITES = """
@@ -106,7 +106,7 @@ az_deg el_deg: direction from the local level: azimuth clockwise from north, ele
 body_az_deg body_el_deg: direction from the airframe: azimuth from forward to the right, elevation against
   the body's own horizon
 gain_dbi: gain of the best antenna towards it, for circular polarisation; empty where no antenna is described
-cn0_dbhz: C/N0 of the signal that was used, else of its first; empty where the log has none
+cn0_dbhz: C/N0 of the signal that was used, else of the satellite's first signal; empty where the log has none
 state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
 sd_range_m sd_range_rate_mps: sigmas of the range and range rate predicted before the update: sqrt(h P h^T);
   empty where nothing was predicted
@@ -132,12 +132,12 @@ ERRORS: Final = Sheet(
     "navigation row inside the reference",
     """
 time_s: seconds of the GPS week
-quality: the reference's own mark of its quality, 1 where it has none
+quality: quality number of the reference, 1 where it has none
 d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
 d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
 d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
 sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
-sd_slow_n_m sd_slow_e_m sd_slow_d_m: part of it that slowly varying errors cause, as in the navigation table
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: part of this sigma that slowly varying errors cause, as in the navigation table
 sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
 sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
 sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigma, where it states any

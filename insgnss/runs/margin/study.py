@@ -64,7 +64,7 @@ class FlownMargin(ResultDisplay):
 
         Raises
         ------
-        ResultError : the folder cannot be written, or a file of somebody else has one of the names
+        ResultError : the folder cannot be written, or another program's file has one of the names
         """
         tables = {f"margin_{name}": getattr(self, name) for name in TABLES}
         return save_study(folder, tables, format, STUDY_NAME)

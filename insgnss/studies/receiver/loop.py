@@ -179,7 +179,7 @@ def predict_offsets(m: StateRecord, satellites: Float64, room: ChannelRoom) -> N
 
 @kernel(inline=True)
 def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]:
-    """Return range and range rate by which a replica is wrong as the newest inertial sample was led on."""
+    """Return a replica's error in range and range rate from extrapolating the newest inertial sample."""
     back = rotate_back(C, u)
     range_m = back[0] * ahead_b[0] + back[1] * ahead_b[1] + back[2] * ahead_b[2]
     rate_mps = back[0] * ahead_b[3] + back[1] * ahead_b[4] + back[2] * ahead_b[5]
