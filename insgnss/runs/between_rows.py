@@ -6,8 +6,8 @@ Between the rows at t_0 and t_1, T apart, with u = (t - t_0) / T and axes of ECE
     v = v_0 + u (v_1 - v_0)
     C = exp(u log(C_1 C_0^T)) C_0
 
-Motion between rows that the rows do not show is lost. With w and a the mean angular rate and acceleration of a step, the
-largest loss within the step (one sigma) is assumed to be
+Motion between rows that the rows do not show is lost. With w and a the mean angular rate and acceleration of a step,
+the largest loss within the step (one sigma) is assumed to be
 
     of attitude |dw| T / 8,    of velocity |da| T / 8,    of position |da| T^2 / 64
 

@@ -36,8 +36,8 @@ _READINGS_KEPT_NS = 600 * NS_PER_S
 class Engine(FilterEngine):
     """A live filter.
 
-    Call ``engine.imu(...)`` for every inertial sample and ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
-    setting of the filter) after the samples of its time. ``engine.state`` is the newest state,
+    Call ``engine.imu(...)`` for every inertial sample and ``engine.gnss(...)`` for every epoch, at most ``latency_s``
+    (a setting of the filter) after the samples of its time. ``engine.state`` is the newest state,
     ``engine.take_results()`` returns the rows that became final since the last call, ``engine.events`` has all events.
     With several antennas ([attitude] in the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further
     antenna by its name, and ``EpochResult.differences`` has the status of the phase differences.
@@ -52,8 +52,8 @@ class Engine(FilterEngine):
     and at the usual interval while the receiver is silent. If the epochs arrive in order, the rows are
     ``run.supervision`` and ``run.transitions`` of a replay.
 
-    With ``integrity``, ``state`` and ``EpochResult.protection`` have protection levels. They equal those of a replay once
-    all satellites and constellations of a log have been used, if pairs of constellations need no sub-filter
+    With ``integrity``, ``state`` and ``EpochResult.protection`` have protection levels. They equal those of a replay
+    once all satellites and constellations of a log have been used, if pairs of constellations need no sub-filter
     (``runs.integrity.live``).
     """
 
@@ -172,8 +172,8 @@ class Engine(FilterEngine):
         """Take a reading of a further sensor of the flight file ([[sensor]]), at most ``latency_s`` late.
 
         A reading that arrives before the samples of its time waits for them; for a late one the filter goes back. A
-        reading within ``interval_s`` of another of the sensor is left out, as in a replay. If the readings arrive in the
-        order of their times, all results are bit-identical to those of a replay.
+        reading within ``interval_s`` of another of the sensor is left out, as in a replay. If the readings arrive in
+        the order of their times, all results are bit-identical to those of a replay.
 
         Parameters
         ----------

@@ -121,8 +121,8 @@ def replay(
         of the solution without each satellite and constellation; the filter runs once more for each; its settings are
         the filter's ``[integrity]``
     states : further states for the filter to estimate, such as scale factors of a sensor: ``insgnss.StateBlock``
-    measurements : the user's own, between epochs or at an epoch (applied before it): objects with ``name``, ``times_ns`` and
-        ``rows(state, layout)``, see ``Measurement``. Their rows are in ``run.measurements`` by their name
+    measurements : the user's own, between epochs or at an epoch (applied before it): objects with ``name``,
+        ``times_ns`` and ``rows(state, layout)``, see ``Measurement``. ``run.measurements`` has their rows by name
     progress : is called with a description of the current step
 
     Raises

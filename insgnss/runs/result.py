@@ -178,10 +178,10 @@ class Run(ResultDisplay):
     ) -> pd.DataFrame:
         """Return rows of ``nav`` at any times of the run, in their order: interpolated between its rows.
 
-        Position is interpolated by a cubic with the velocities at both rows, attitude by the shortest rotation, all else
-        linearly. Motion between rows is lost: the loss is estimated from the changes of rate and acceleration between
-        steps, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns, rows at GNSS epochs are
-        too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"`` rows that
+        Position is interpolated by a cubic with the velocities at both rows, attitude by the shortest rotation, the
+        rest linearly. Motion between rows is lost: the loss is estimated from the changes of rate and acceleration
+        between steps, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns,
+        rows at GNSS epochs are too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"`` rows that
         can be interpolated.
 
         Parameters

@@ -66,7 +66,8 @@ cov_vn_vn_m2ps2 cov_vn_ve_m2ps2 cov_vn_vd_m2ps2 cov_ve_ve_m2ps2 cov_ve_vd_m2ps2 
 cov_turn_n_turn_n_deg2 cov_turn_n_turn_e_deg2 cov_turn_n_turn_d_deg2 cov_turn_e_turn_e_deg2
   cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude error: the small rotations about north, east
   and down from the true attitude to the estimated one
-point_lat_deg point_lon_deg point_h_m: position of the point of the body, WGS-84; with `--point`, as the next three lines
+point_lat_deg point_lon_deg point_h_m: position of the point of the body, WGS-84; this and the next three lines
+  with `--point`
 point_vn_mps point_ve_mps point_vd_mps: its velocity against the Earth: north, east, down
 sd_point_n_m sd_point_e_m sd_point_d_m: one sigma of its position
 sd_point_vn_mps sd_point_ve_mps sd_point_vd_mps: one sigma of its velocity
