@@ -104,7 +104,7 @@ class Flight(ResultDisplay):
 
     @property
     def name(self) -> str:
-        """The flight's name, that of its file when it has none of its own."""
+        """The flight's name; that of its file if it has none."""
         return self.config.name or self.path.stem
 
     def gps_ns(self, time_s: npt.ArrayLike) -> Int64:

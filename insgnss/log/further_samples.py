@@ -55,7 +55,7 @@ class FurtherSamples:
 def further_samples(
     kind: FurtherKind, source: str, t_ns: Int64, values: Float64, dated: Bool | None = None
 ) -> tuple[list[FurtherSamples], list[Event]]:
-    """Return the samples with a time and finite numbers, in the order of time; an event tells what was left out.
+    """Return the samples with a time and finite numbers, in the order of time; an event reports what was left out.
 
     Parameters
     ----------

@@ -180,9 +180,9 @@ class Run(ResultDisplay):
 
         Position is interpolated by a cubic with the velocities at both rows, attitude by the shortest rotation, the
         rest linearly. Motion between rows is lost: the loss is estimated from the changes of rate and acceleration
-        between steps, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns,
-        rows at GNSS epochs are too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"`` rows that
-        can be interpolated.
+        between steps, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns, rows at GNSS
+        epochs are too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"``
+        rows that can be interpolated.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration
 
 
 def vehicle_findings(vehicle: VehicleRows) -> list[Finding]:
-    """Return which rows a vehicle's kind allows and which of them are used, and their weaknesses."""
+    """Return the motion constraints that a vehicle's kind allows, those in use, and their weaknesses."""
     allowed = [name for name in ROWS if getattr(vehicle, name) is not None]
     off = [name for name in allowed if name not in vehicle.rows]
     text = f"{vehicle.kind}: its motion makes no rows"

@@ -124,7 +124,7 @@ def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Find
 
 
 def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Finding]:
-    """Return how well the navigation data cover the log: per system, per epoch, and which satellites lack it."""
+    """Return the coverage of the log by navigation data: per system, per epoch, and the satellites without any."""
     messages = _messages(navigation)
     counts: dict[str, int] = {}
     for name in messages.sv_names:

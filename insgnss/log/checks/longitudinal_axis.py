@@ -128,7 +128,7 @@ def least_speed(chosen: list[GnssStretch]) -> float:
 
 
 def directions_of(stretch: GnssStretch, least_mps: float) -> tuple[Float64, Bool]:
-    """Return the unit vectors (k, 3) of a stretch's velocities, and which of its epochs (n,) they are."""
+    """Return the unit vectors (k, 3) of a stretch's velocities, and a mask of their epochs (n,)."""
     speed = np.linalg.norm(stretch.v_e, axis=1)
     fast = speed > max(least_mps, CLEAR * stretch.sd_mps)
     return stretch.v_e[fast] / speed[fast, None], fast

@@ -36,7 +36,7 @@ class TagShift(NamedTuple):
 def shift_by_ranges(
     solve: Solve, sample: GnssTable, agreeing: float, begin_s: float = 0.0
 ) -> TagShift | None:
-    """Return the shift of the tags with which the pseudoranges agree; None if they agree as logged or with none.
+    """Return the shift of the tags that makes the pseudoranges agree; None if they agree as logged, or never agree.
 
     Parameters
     ----------

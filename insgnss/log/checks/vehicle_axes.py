@@ -92,7 +92,7 @@ def credibility(axes: VehicleAxes) -> float:
 def strangeness(axes: VehicleAxes) -> float:
     """Return -2 log of the prior of a declaration among those that fit the log: those of a mounting come first.
 
-    A whole log of the wrong hand, or a sensor of the wrong sign, is hardly likelier than one column that is wrong.
+    A left-handed log, or a sensor with reversed sign, is hardly more likely than a single wrong column.
     """
     if axes.rank == 0:
         return 0.0

@@ -131,7 +131,7 @@ def unread_columns(dialect: Dialect, places: Mapping[str, int], wanted: ColumnSe
 
 
 def missing_column(name: str, dialect: Dialect, path: Path) -> ColumnError:
-    """Return the error of a column that the file has not, with what it has."""
+    """Return the error of a column that the file lacks, with the columns that it has."""
     present = [column for column in dialect.columns if column]
     if column_number(name) is not None:
         advice = f"the line has {len(dialect.columns)} columns, counted from 1"

@@ -27,7 +27,7 @@ PATTERN_SHARE: Final = 0.2
 def increment_intervals(
     t_ns: Int64, step: Int64, dv: tuple[Float64, Float64, Float64], file: str
 ) -> tuple[Float64, list[Event]]:
-    """Return the time [ns] over which each increment was gathered, and how increments after long steps were taken.
+    """Return the time [ns] that each increment covers, and how increments after long steps were treated.
 
     Of two readings of a long step T with the usual step U, ``|dv| / T`` and ``|dv| / U``, the one whose logarithm is
     nearer to that of the specific force around holds. Where the force around is too small or too restless to decide,

@@ -24,9 +24,9 @@ MIN_KEPT_SHARE: Final = 0.5  # with less left, the column is not time or lacks d
 def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event]]:
     """Return the indices to keep so that time strictly increases (None: all of them), and what was refused.
 
-    Kept are as many samples as can be: a tag that leaps ahead goes itself, not what follows it; of equal choices the
-    earlier samples stay. A few samples at either end of the log that are parted from all others by more than a second
-    go too: their tags are wrong, or they are of no use.
+    As many samples as possible are kept: a tag that leaps ahead is dropped, not the samples after it; of equal choices
+    the earlier samples stay. A few samples at either end of the log, separated from all others by more than a second,
+    are dropped too: their tags are wrong, or they are of no use.
 
     Raises
     ------

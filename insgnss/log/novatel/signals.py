@@ -38,6 +38,6 @@ SIGNALS_2: Final[dict[str, dict[int, str]]] = {
 
 
 def satellite_name(system: str, number: int) -> str:
-    """Return the satellite's name ("R05"), "" when the number is none of its constellation."""
+    """Return the satellite's name ("R05"), "" if the constellation has no such number."""
     first, taken_off = _NUMBERS.get(system, (0, 0))
     return rinex_name(system, number - taken_off) if number >= first else ""

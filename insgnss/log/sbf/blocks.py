@@ -211,7 +211,7 @@ def block_length(data: bytes, start: int) -> int:
 
 
 def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> Bool:
-    """Return which of the blocks' contents carry a time."""
+    """Return a mask of the blocks that contain a time."""
     return np.asarray((rows["tow_ms"] < TOW_END_MS) & (rows["week"] < WEEK_END))
 
 
