@@ -70,7 +70,7 @@ class Discriminator:
 
     @property
     def threshold_rms_rad(self) -> float:
-        """A_d C_A: the rms of the phase error, by the linear theory, at which lock goes."""
+        """A_d C_A: the rms of the phase error, by the linear theory, at which lock is lost."""
         return self.aperture_rad * self.threshold_ratio
 
 

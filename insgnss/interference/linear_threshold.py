@@ -1,7 +1,7 @@
-"""The linear theory of coherent receivers: phase errors, velocity errors and the C/N0 at which lock goes.
+"""The linear theory of coherent receivers: phase errors, velocity errors and the C/N0 at which lock is lost.
 
 The covariance P of a ``PhaseModel`` is that of its optimal filter in the steady state; its rows have the
-discriminator's noise. Lock goes at the C/N0 at which the largest phase rms, of the diagonal of ``H P H^T``, reaches
+discriminator's noise. Lock is lost at the C/N0 at which the largest phase rms, of the diagonal of ``H P H^T``, reaches
 A_d C_A                                                             [Shatilov 2009, (14); 2007, chapter 2]
 
     sky = directions(azimuth_deg, elevation_deg)

@@ -115,7 +115,7 @@ def margin_in_motion_db(
     cn0_dbhz: npt.ArrayLike | None = None,
     phase_walk: npt.ArrayLike = 0.0,
 ) -> Float64:
-    """Return the greatest J/S that a loop without aiding stands [dB], the better of second and third order.
+    """Return the greatest J/S that a loop without aiding withstands [dB], the better of second and third order.
 
     Equation: as ``margin_db``, with S_n,thr of ``threshold_in_motion``
 

@@ -115,7 +115,7 @@ def discrete_noise_bandwidth(found: DiscreteGains, step_s: npt.ArrayLike) -> Flo
 
 
 def noise_variance(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Float64:
-    """Return the part of the phase error's variance that the measurement noise makes [rad^2].
+    """Return the part of the phase error's variance due to the measurement noise [rad^2].
 
     Equation: DF S_n = 3 / (4 sqrt 2) (S S_n^3)^(1/4)               [Shatilov 2009, (15), (16)]
     """
@@ -123,7 +123,7 @@ def noise_variance(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Float64:
 
 
 def drift_variance(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Float64:
-    """Return the part of the phase error's variance that the drift makes [rad^2].
+    """Return the part of the phase error's variance due to the drift [rad^2].
 
     Equation: S / (4 K1 K2) = 1 / (4 sqrt 2) (S S_n^3)^(1/4)        [Shatilov 2009, (17)]
     """

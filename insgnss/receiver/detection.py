@@ -29,7 +29,7 @@ class Detector(NamedTuple):
 
 
 class Accumulation(NamedTuple):
-    """How a signal of a given strength is collected."""
+    """The accumulation for a signal of a given strength."""
 
     time_s: Float64  # in all; inf where the allowed number of looks does not suffice
     looks: Int64
@@ -175,7 +175,7 @@ def detector(settings: Detection) -> Detector:
 
 
 def accumulation(cn0_dbhz: npt.ArrayLike, need: Detector) -> Accumulation:
-    """Return how long a signal has to be collected: with the fewest looks whose length stays within the limit.
+    """Return the accumulation of a signal: the fewest looks whose length stays within the limit.
 
     Equation: T = K snr_K / (C/N0), the least K with snr_K <= (C/N0) T_limit
     """

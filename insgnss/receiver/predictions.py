@@ -152,7 +152,7 @@ def outlook(
 
 
 def filter_alone(aiding: AidingSetup) -> AidingSetup:
-    """Return the setup whose sigma are the filter's alone, at every row of a trace, the receiver's clock in."""
+    """Return the setup whose sigmas are the filter's alone, at every row of a trace, receiver clock included."""
     config = aiding.config.model_copy(
         update={
             "receiver_clock": True,

@@ -22,7 +22,7 @@ class SignalScale(NamedTuple):
 
 
 class SearchWindow(NamedTuple):
-    """The search for a signal at a predicted place; arrays of one shape."""
+    """The search for a signal at a predicted delay and Doppler; arrays of one shape."""
 
     sigma_delay_m: Float64  # sqrt(D) of the delay
     sigma_doppler_hz: Float64  # sqrt(D) of the rate over the wavelength
@@ -103,7 +103,7 @@ def search_time_s(n_cells: npt.ArrayLike, accumulation_s: npt.ArrayLike, correla
 
 
 def unsupervised_sweep_s(settings: Search, need: Detector) -> float:
-    """Return how long a receiver that knows nothing of its attitude looks through its whole window once [s].
+    """Return the time of one sweep of the whole window by a receiver without attitude [s].
 
     inf where its weakest signal needs more looks than allowed.
     """

@@ -152,7 +152,7 @@ def rows_and_gaps(t_ns: Int64) -> Int64:
 
 
 def longest_gap_ns(usual_ns: float) -> float:
-    """Return for how long a satellite keeps its state without a prediction."""
+    """Return the longest time for which a satellite keeps its state without a prediction."""
     return max(_GAP_INTERVALS * usual_ns, _GAP_S * NS_PER_S)
 
 

@@ -119,7 +119,7 @@ class Supervisor:
         self._last_ns: int | None = None
 
     def epoch(self, predicted: Predictions, present: npt.ArrayLike | None = None) -> Supervision:
-        """Carry on by one or more epochs (n, m), later than those before; ``totals`` count from the beginning.
+        """Advance by one or more epochs (n, m), later than those before; ``totals`` count from the beginning.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ MOMENT_DECIMALS: Final = 6  # of moments in seconds
 
 
 class SavedStudy(ResultDisplay):
-    """What a study gives; its names say which files ``save`` writes."""
+    """Result of a study; its names determine the files that ``save`` writes."""
 
     PREFIX: ClassVar[str] = ""  # of the names of tables and settings
     TABLES: ClassVar[tuple[str, ...]]  # attributes, a CSV file each
@@ -33,7 +33,7 @@ class SavedStudy(ResultDisplay):
         return (*tables, f"{cls.PREFIX}{cls.SETTINGS}.json", *(f"{name}.png" for name in cls.PICTURES))
 
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
-        """Return how to draw each picture, by its file's name."""
+        """Return the drawing function of each picture, by file name."""
         return {name: getattr(self, method) for name, method in self.PICTURES.items()}
 
     def _table(self, name: str) -> pd.DataFrame:

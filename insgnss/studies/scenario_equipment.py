@@ -70,7 +70,7 @@ def filter_of(scenario: ScenarioConfig) -> FilterConfig:
 
 
 def without_fault_tests(config: FilterConfig) -> FilterConfig:
-    """Return the filter of the paper, which believes all rows and its start: no gate, no test for faults, no reset."""
+    """Return the filter of the paper, which accepts all rows and its start: no gate, no test for faults, no reset."""
     wide = dict.fromkeys(("pseudorange_sigma", "range_rate_sigma", "carrier_sigma"), _NO_LIMIT)
     none = dict.fromkeys(("residual_sigma", "drift_sigma", "reflected_below_db"), 0.0)
     return config.model_copy(

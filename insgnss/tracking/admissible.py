@@ -15,7 +15,7 @@ CN0_SPAN_DBHZ: Final = (-30.0, 100.0)  # beyond it the unit must be wrong: recei
 
 
 def require_number(key: str, value: object) -> float:
-    """Return a number, which may be infinite or none.
+    """Return a number; infinity and NaN are allowed.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def require_number(key: str, value: object) -> float:
 
 
 def require_whole(least: int, advice: str, **named: object) -> None:
-    """Refuse what is not a whole number from ``least`` on.
+    """Refuse anything but a whole number of at least ``least``.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def require_whole(least: int, advice: str, **named: object) -> None:
 
 
 def require_truth_value(**named: object) -> None:
-    """Refuse what is neither true nor false.
+    """Refuse anything but true or false.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def require_truth_value(**named: object) -> None:
 
 
 def require_seed(seed: object) -> None:
-    """Refuse what is not a seed.
+    """Refuse an invalid seed.
 
     Raises
     ------

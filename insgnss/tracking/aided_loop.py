@@ -186,7 +186,7 @@ def held_error_radps(acceleration_radps2: float, update_s: float, latency_s: flo
 
 
 def perfect_aid(phase_rad: Float64, step_s: float) -> Aid:
-    """Return the aiding that says the rate of known phases (n + 1, m) without error.
+    """Return error-free aiding from known phases (n + 1, m).
 
     Equation: central differences at the borders of the integrations
     """

@@ -108,7 +108,7 @@ def source_from_doppler(
     latency_s: float = 0.0,
     error_density: float = 0.0,
 ) -> AidingSource:
-    """Return the source that a navigation engine's aiding gives: Doppler of RINEX's sign, and its rate.
+    """Return the source from a navigation engine's aiding: Doppler with the RINEX sign, and its rate.
 
     Equation: rate = 2 pi f_D
     """

@@ -20,7 +20,7 @@ N_NOISE: Final = 6  # normal numbers per epoch and channel: three of each quadra
 
 
 class Truth(NamedTuple):
-    """What arrives: values at the borders of the integrations, (n + 1, m), or in them, (n, m)."""
+    """The arriving signals: values at the borders of the integrations, (n + 1, m), or in them, (n, m)."""
 
     phase_rad: Float64  # (n + 1, m)
     delay_chips: Float64  # (n + 1, m)
@@ -29,7 +29,7 @@ class Truth(NamedTuple):
 
 
 class Aid(NamedTuple):
-    """The aiding of the loops at the borders of the integrations, (n + 1, m): zeros where nothing is."""
+    """The aiding of the loops at the borders of the integrations, (n + 1, m); zeros without aiding."""
 
     rate_radps: Float64  # taken over into the replica's frequency
     acceleration_radps2: Float64  # added to the loop's own rate
@@ -80,7 +80,7 @@ def correct_and_lead(
     aid_rate: float,
     aid_acceleration: float,
 ) -> None:
-    """Correct a channel's state by its discriminators and lead it on to the middle of the next integration.
+    """Correct a channel's state by its discriminators and propagate it to the middle of the next integration.
 
     Equation: x^ = x~ + L e; phase~_next = phase^ + T (rate^ + y) + T^2/2 (acceleration^ + y'), rate~_next = rate^ +
               T (acceleration^ + y'), with the aiding y, y' at the border between           [(8) of Shatilov 2009]

@@ -116,7 +116,7 @@ class ChannelDesign:
 
 
 def chips_per_radian(code: RangingCode, carrier_hz: float) -> float:
-    """Return by how many chips the delay changes while the carrier phase advances by a radian.
+    """Return the change of the delay in chips per radian of carrier phase.
 
     Equation: - R_chip / (2 pi f0)
     """
@@ -126,7 +126,7 @@ def chips_per_radian(code: RangingCode, carrier_hz: float) -> float:
 
 @dataclass(frozen=True)
 class ChannelSignals:
-    """What arrives at the channels, for n integrations and m channels."""
+    """The signals that arrive at m channels over n integrations."""
 
     phase_rad: Float64  # (n + 1, m) at the borders of the integrations
     delay_chips: Float64  # (n + 1, m)
@@ -186,7 +186,7 @@ def data_signs(count: int, channels: int, step_s: float, sign_s: float, rng: np.
 
 @dataclass(frozen=True)
 class ChannelHistory:
-    """What the loops did, (n, m): errors are replica minus truth in the middle of each integration."""
+    """History of the loops, (n, m): errors are replica minus truth in the middle of each integration."""
 
     step_s: float
     phase_error_rad: Float64
@@ -214,7 +214,7 @@ class InitialLoopErrors:
 
 
 def no_aid(count: int, channels: int) -> Aid:
-    """Return the aiding of loops that get none, for a number of integrations and channels."""
+    """Return zero aiding for a number of integrations and channels."""
     return Aid(np.zeros((count + 1, channels)), np.zeros((count + 1, channels)))
 
 
@@ -228,7 +228,7 @@ class ChannelSimulation:
     start: InitialLoopErrors = field(default_factory=InitialLoopErrors)
 
     def run(self, seed: int, threads: int = 1, progress: Progress | None = None) -> ChannelHistory:
-        """Return what the loops do.
+        """Run the loops; return their history.
 
         Parameters
         ----------

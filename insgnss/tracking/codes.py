@@ -43,7 +43,7 @@ _G2_DELAYS: Final = tuple(
 
 @dataclass(frozen=True)
 class RangingCode:
-    """One period of a code, and how long the data let its sign alone."""
+    """One period of a code, and the time between possible sign changes by the data."""
 
     name: str
     chips: Int8  # (length,) +1 or -1

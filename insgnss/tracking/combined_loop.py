@@ -27,7 +27,7 @@ class Transient(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What is read off a transient."""
+    """The characteristics of a transient."""
 
     zero_crossing_s: float  # NaN if there is none
     overshoot: float  # largest swing to the other side, share of the first offset

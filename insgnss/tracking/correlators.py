@@ -40,7 +40,7 @@ def replica_offsets(spacing_chips: float) -> Float64:
 
 
 def frequency_loss(frequency_radps: npt.ArrayLike, integration_s: float) -> Float64:
-    """Return the share of amplitude that a frequency offset leaves.
+    """Return the share of amplitude that remains under a frequency offset.
 
     Equation: sinc(w T / 2), sinc x = sin x / x                                                            [(2.9)]
     """

@@ -147,7 +147,7 @@ def wrapped_variance(harmonics: Float64, angle: npt.ArrayLike) -> Float64:
 
 
 def angle_fold(kind: str) -> int:
-    """Return how many periods an angle discriminator's output has in a turn: ``atan`` does not feel the data's sign."""
+    """Return how many periods an angle discriminator's output has in a turn: ``atan`` ignores the data's sign."""
     return 2 if kind == "atan" else 1
 
 

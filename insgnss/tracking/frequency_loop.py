@@ -111,7 +111,7 @@ class FrequencyLoop:
 
 
 def frequency_filter(order: int, bandwidth_hz: float, step_s: float) -> FrequencyLoop:
-    """Return the optimum frequency loop whose true noise bandwidth is the one asked for.
+    """Return the optimum frequency loop with the requested true noise bandwidth.
 
     Raises
     ------

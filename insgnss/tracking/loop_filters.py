@@ -193,7 +193,7 @@ def filter_from_continuous(gains: npt.ArrayLike, step_s: float) -> LoopFilter:
 
 
 def digital_filter(order: int, bandwidth_hz: float, step_s: float) -> LoopFilter:
-    """Return the optimum digital loop whose true noise bandwidth is the one asked for.
+    """Return the optimum digital loop with the requested true noise bandwidth.
 
     Its gains are those of the steady Kalman filter for a chain of integrators driven at its end, the one parameter of
     which, the variance of the last difference, is solved for. For small B T they are those of ``continuous_gains``.

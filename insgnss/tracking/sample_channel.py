@@ -51,7 +51,7 @@ N_RECORD: Final = 9
 
 
 class LoopAiding(NamedTuple):
-    """What aids the channels, (m,): zeros where nothing does."""
+    """The channels' aiding, (m,); zeros without aiding."""
 
     rate_radps: Float64  # of the carrier phase
     acceleration_radps2: Float64  # by which the rate is led on
@@ -59,7 +59,7 @@ class LoopAiding(NamedTuple):
 
 
 class SampleScale(NamedTuple):
-    """What turns samples into the units of the loops."""
+    """Scale factors from samples to the units of the loops."""
 
     rate_hz: float  # of the samples
     intermediate_hz: float
@@ -76,7 +76,7 @@ class SignalBuffer(NamedTuple):
 
 
 class SampleLoops(NamedTuple):
-    """What the channels are."""
+    """The design of the channels."""
 
     chips: Int8  # (m, length) one period of each channel's code
     scale: SampleScale
@@ -168,7 +168,7 @@ def track_samples(
 
 @dataclass(frozen=True)
 class ReplicaReading:
-    """What the replica of a channel shows at a sample: measured values of the satellite's signal."""
+    """State of a channel's replica at a sample: measured values of the satellite's signal."""
 
     pseudorange_s: float
     phase_rad: float

@@ -72,7 +72,7 @@ class Spin:
         return np.asarray(self.amplitude_rad * np.cos(angle))
 
     def residual_rad(self, angle_error_rad: float) -> float:
-        """Return the amplitude that a compensation with an error of the spin angle leaves, at any spin rate.
+        """Return the residual amplitude after compensation with an error of the spin angle, at any spin rate.
 
         Equation: 2 beta sin theta sin(dpsi / 2)
         """

@@ -51,7 +51,7 @@ def dipole_gain(angle_rad: npt.ArrayLike, theta_rad: float) -> Complex:
 
 @dataclass(frozen=True)
 class SpinBank:
-    """Filters that are still believed in, b of them; the first is the best."""
+    """The b remaining filters; the first is the best."""
 
     state: Float64  # (b, 4) phase [rad], its rate [rad/s], spin angle [rad], spin rate [rad/s]
     covariance: Float64  # (b, 4, 4)
@@ -126,7 +126,7 @@ class SpinLoop:
         return SpinBank(np.column_stack([phi, np.zeros_like(phi), psi, rate]), P, np.zeros(len(psi)))
 
     def step(self, bank: SpinBank, Z: complex) -> SpinBank:
-        """Return the bank one integration later, with its correlator; hopeless filters are given up.
+        """Return the bank one integration later, with its correlator; improbable filters are dropped.
 
         Raises
         ------

@@ -44,7 +44,7 @@ _MOTION_KEY, _SIGN_KEY = 1_000_001, 1_000_002  # seeds apart from those of the c
 
 @dataclass(frozen=True)
 class CarrierDynamics:
-    """What moves the carrier phase: along the line of sight, and in the oscillator."""
+    """Dynamics of the carrier phase: motion along the line of sight, and the oscillator."""
 
     acceleration_mps2: float = 0.0
     jerk_mps3: float = 0.0
@@ -104,7 +104,7 @@ def simulation_of(
     seed: int,
     aided: bool = False,
 ) -> ChannelSimulation:
-    """Return the simulation of a motion: data on the carrier where the discriminator bears them.
+    """Return the simulation of a motion: data on the carrier if the discriminator tolerates them.
 
     With aiding the motion along the line of sight is known to the loops, the wandering frequency is not: it is that of
     the oscillator and of the aiding's own error.

@@ -59,7 +59,7 @@ _Q, _ATAN, _ATAN2 = (PHASE_KINDS.index(kind) for kind in ("q", "atan", "atan2"))
 
 
 class ChannelConstants(NamedTuple):
-    """What all channels have in common over an integration."""
+    """Constants common to all channels over an integration."""
 
     coherent: bool
     step_s: float
@@ -83,7 +83,7 @@ def _levels() -> int:
 
 
 def noise_count(channels: ChannelConstants) -> int:
-    """Return how many normal numbers a channel takes for an integration."""
+    """Return the number of normal random numbers per channel and integration."""
     return N_NOISE[2] if channels.with_code else N_NOISE[0] if channels.coherent else N_NOISE[1]
 
 
@@ -200,7 +200,7 @@ def correlate(
 
 @kernel(inline=True)
 def is_of_pilot(channels: ChannelConstants) -> bool:
-    """Return whether the phase discriminator feels the sign of data: its stable points are a cycle apart."""
+    """Return whether the phase discriminator is sensitive to the sign of data: its stable points are a cycle apart."""
     kind = channels.kinds[0]
     return bool(kind == _Q or kind == _ATAN2)
 
@@ -218,7 +218,7 @@ def angle_range(channels: ChannelConstants, prompt: complex) -> float:
 def observe_channel(
     channels: ChannelConstants, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
 ) -> None:
-    """Write what one channel sees in an integration.
+    """Write the observations of one channel over one integration.
 
     Parameters
     ----------
@@ -278,6 +278,6 @@ def observe_channel(
 def observe_channels(
     channels: ChannelConstants, arriving: Int64, told: Int64, offsets: Float64, noise: Float64, seen: Float64
 ) -> None:
-    """Write what n channels see, each in an integration of its own: ``observe_channel`` for arrays."""
+    """Write the observations of n channels, each over its own integration: ``observe_channel`` for arrays."""
     for c in range(len(arriving)):
         observe_channel(channels, arriving[c], told[c], offsets[c], noise[c], seen[c])

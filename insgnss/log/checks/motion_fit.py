@@ -135,7 +135,7 @@ class Fit(NamedTuple):
 
 
 def fit_costs(chosen: list[GnssStretch], grid: InertialGrid, path: Path, shifts_s: Float64) -> Fit:
-    """Return how well each hypothesis explains the stretches, the inertial tags shifted by each of ``shifts_s``.
+    """Return the cost of each hypothesis on the stretches, the inertial tags shifted by each of ``shifts_s``.
 
     cost = sum over stretches of 3 k log(J / 3 k) / (CORRELATED lag) with J the squares that are left: each stretch has
     its own noise, so a gap or a fault does not raise its weight.

@@ -57,7 +57,7 @@ _RECEIVER_OPTIONS: Final[Mapping[str, Any]] = {
 
 
 def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
-    """Return one run of ``matched_flight``: a row for each epoch looked at."""
+    """Return one run of ``matched_flight``: a row for each evaluated epoch."""
     flight = _flight(_asked(case, {**_FLIGHT, "scenario": ""}))
     outcome = flight.run(flight.draw(np.random.default_rng([seed])))
     rows: list[Row] = []

@@ -22,7 +22,7 @@ _LEAST_TASKS: Final = 2000
 
 
 class Costs(NamedTuple):
-    """What a campaign's runs and tasks cost."""
+    """Costs of a campaign's runs and tasks."""
 
     run_s: float  # on a worker
     task_s: float  # of scheduler and client together, for one task
@@ -31,7 +31,7 @@ class Costs(NamedTuple):
 
 
 def scaling_table(costs: Costs, runs: int, runs_per_task: int, workers: Sequence[int]) -> pd.DataFrame:
-    """Return, for each number of workers, the hours of a campaign and what it waits for.
+    """Return, for each number of workers, the hours of a campaign and its bottleneck.
 
     Columns: workers hours efficiency (of the workers) scheduler_load sent_mb result_gb bottleneck
 

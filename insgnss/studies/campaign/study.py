@@ -84,7 +84,7 @@ class CampaignConfig(StrictModel):
 
 @dataclass(frozen=True, repr=False)
 class CampaignDone(ResultDisplay):
-    """What is known when a campaign has run: its folder, runs, those found done and those that failed."""
+    """Outcome of a campaign: its folder, runs, those found done and those that failed."""
 
     folder: Path
     n_tasks: int

@@ -113,7 +113,7 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
 
 
 def is_installed() -> bool:
-    """Return whether Dask is there."""
+    """Return whether Dask is installed."""
     return find_spec("distributed") is not None
 
 

@@ -56,7 +56,7 @@ _WHITENESS: Final = ("correlation", "bound", "pairs")
 
 @dataclass(frozen=True, repr=False)
 class Consistency(SavedStudy):
-    """What ``consistency_study`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``consistency_study``. Tables are DataFrames, the module's text has their columns."""
 
     PREFIX: ClassVar = "consistency_"
     TABLES: ClassVar = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")

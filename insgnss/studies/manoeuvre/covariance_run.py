@@ -55,7 +55,7 @@ _NO_MISALIGNMENT: Final = {
 
 
 class Update(NamedTuple):
-    """What one update shows, one entry a satellite."""
+    """Record of one update, one entry per satellite."""
 
     time_s: float
     angles: Float64  # (n, 2) azimuth, elevation [rad]
@@ -67,7 +67,7 @@ class Update(NamedTuple):
 
 @dataclass(frozen=True)
 class CovarianceRun:
-    """A covariance on its way through the scenario."""
+    """A covariance propagated through the scenario."""
 
     scenario: ScenarioConfig
     sky: SkyLaw
@@ -115,7 +115,7 @@ class CovarianceRun:
         )
 
     def update(self, t_s: float) -> Update:
-        """Carry the covariance to ``t_s``, look, and correct by the satellites that are not hidden."""
+        """Propagate the covariance to ``t_s``, record it, and correct it by the satellites that are not hidden."""
         m, P, config = self.bank.state[0], self.bank.P[0], self.scenario
         C_nb = self._attitude(t_s, banks=True)
         self._predict(self._attitude(t_s, banks=self.sensors_bank))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class HiddenVariance(SavedStudy):
-    """What ``hidden_satellite_variance`` gives.
+    """The result of ``hidden_satellite_variance``.
 
     ``table`` has one row for each satellite and update: time_s sv az_deg el_deg body_el_deg hidden waits
     d_range_m2 d_rate_m2ps2. ``hidden`` says that the update goes without it, ``waits`` that the heading is too
@@ -46,7 +46,7 @@ class HiddenVariance(SavedStudy):
     sensors: Sensors
 
     def at(self, time_s: Sequence[float]) -> pd.DataFrame:
-        """Return D of the pseudoranges of the scenario's hidden satellites [m^2]: a row a time, a column a satellite.
+        """Return D of the pseudoranges of the scenario's hidden satellites [m^2]: row: time, column: satellite.
 
         Raises
         ------

@@ -43,7 +43,7 @@ _STEEPEST_DEG: Final = 90.0
 
 @dataclass(frozen=True, repr=False)
 class ManoeuvreStudy(SavedStudy):
-    """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``manoeuvre_study``. Tables are DataFrames, the module's text has their columns."""
 
     PREFIX: ClassVar = "manoeuvre_"
     TABLES: ClassVar = ("cases", "satellites")
@@ -67,7 +67,7 @@ class ManoeuvreStudy(SavedStudy):
         return heat_map(self.cases, column)
 
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
-        """Return how to draw each picture, by its file's name."""
+        """Return the drawing function of each picture, by file name."""
         return {name: partial(self.heat_map, column) for name, column in self.PICTURES.items()}
 
     def _settings(self) -> Mapping[str, Any]:

@@ -44,7 +44,7 @@ _M_PER_RAD: Final = 6.37e6  # to shift a start by some metres
 
 
 class Spell(NamedTuple):
-    """A time in which the airframe lets nothing of a satellite through to the antenna."""
+    """A time span in which the airframe blocks a satellite completely."""
 
     sv: str
     from_s: float
@@ -191,7 +191,7 @@ def body_elevation(sky: SkyLaw, trajectory: Trajectory, t_s: Float64) -> Float64
 
 
 def true_spells(scenario: ScenarioConfig, sky: SkyLaw, trajectory: Trajectory) -> tuple[Spell, ...]:
-    """Return when the airframe truly hides which satellite."""
+    """Return the true time spans in which the airframe hides each satellite."""
     t_s = np.arange(0.0, scenario.flight.duration_s, _LOOK_S)
     hidden = body_elevation(sky, trajectory, t_s) < deg_to_rad(scenario.antenna.body_mask_deg)
     spells = []

@@ -20,7 +20,7 @@ _LINES: Final = {"a": (3.0, "-"), "b": (1.2, "--"), "c": (2.4, "-"), "d": (1.2, 
 def error_figure(
     errors: pd.DataFrame, outage_s: tuple[float, float], words: Mapping[str, str], title: str
 ) -> Figure:
-    """Return the rms of the position error over the flights, at each epoch, a line a case.
+    """Return the rms of the position error over the flights, at each epoch, one line per case.
 
     Parameters
     ----------

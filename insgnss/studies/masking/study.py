@@ -55,7 +55,7 @@ _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 @dataclass(frozen=True, repr=False)
 class MaskingStudy(SavedStudy):
-    """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``masking_study``. Tables are DataFrames, the module's text has their columns."""
 
     PREFIX: ClassVar = "masking_"
     TABLES: ClassVar = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
@@ -76,11 +76,11 @@ class MaskingStudy(SavedStudy):
     asked: dict[str, Any]  # imu, oscillator, runs, seed, fault_tests
 
     def error_figure(self) -> Figure:
-        """Return the picture of the position error over time, a line a case."""
+        """Return the picture of the position error over time, one line per case."""
         return pictures.error_figure(self.errors, self._outage_s(), self._words(), self._title())
 
     def rows_figure(self) -> Figure:
-        """Return the picture of the status of hidden satellites' rows in the first flight, a panel a case."""
+        """Return the picture of the status of hidden satellites' rows in the first flight, one panel per case."""
         spells = self.reacquisition[self.reacquisition["run"] == 0]
         return pictures.rows_figure(self.rows, spells, self._words(), self._title())
 

@@ -111,7 +111,7 @@ def _of_measure(table: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def back_after(after: pd.DataFrame, until_s: float) -> tuple[float, float]:
-    """Return after how many seconds the sigma is back at the undisturbed one's, and the drift within one of those."""
+    """Return the time until the sigma is back at the undisturbed sigma and the drift within one such sigma [s]."""
     own = after["sd_undisturbed_m"].to_numpy()
     # the difference's variance is P - P_undisturbed
     whole = np.hypot(after["sd_position_m"].to_numpy(), own)

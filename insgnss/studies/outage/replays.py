@@ -105,7 +105,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Branch:
-    """What a filter without the rows of a window gives, from the window's beginning on."""
+    """Output of a filter without a window's rows, from the window's beginning on."""
 
     window: OutageWindow
     nav: pd.DataFrame

@@ -72,7 +72,7 @@ class Random:
 
 @dataclass(frozen=True)
 class Banked:
-    """Wherever the roll is beyond an angle."""
+    """Windows in which the roll exceeds an angle."""
 
     bank_deg: float
 
@@ -82,7 +82,7 @@ Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
 
 @dataclass(frozen=True, repr=False)
 class OutageStudy(SavedStudy):
-    """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``outage_study``. Tables are DataFrames, the module's text has their columns."""
 
     PREFIX: ClassVar = "outage_"
     TABLES: ClassVar = ("windows", "drift", "errors", "percentiles")
@@ -125,7 +125,7 @@ def outage_study(
     threads: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> OutageStudy:
-    """Take measurements away in windows of a log, and return how the solution drifts and comes back.
+    """Remove measurements in windows of a log; return the drift of the solution and its recovery.
 
     Each window is by itself: before it the filter has had all measurements. All windows together cost one pass over the
     log and one over each window with the time looked at after it.

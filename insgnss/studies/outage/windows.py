@@ -23,7 +23,7 @@ KINDS: Final = (*KIND_NUMBERS, ATTITUDE_DIFFERENCE)
 
 
 class OutageWindow(NamedTuple):
-    """A time without the measurements that are taken away: from_s <= t < until_s, seconds of the week."""
+    """A window in which measurements are removed: from_s <= t < until_s, seconds of the week."""
 
     from_s: float
     until_s: float
@@ -31,7 +31,7 @@ class OutageWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class Removal:
-    """Which measurements are taken away: all of them where nothing is named; what is named must hold together.
+    """The measurements to remove: all if nothing is named; all named conditions must hold together.
 
     Whole satellites are taken out of the log as if the receiver had not had them. Of kinds the log keeps its values and
     the filter is set not to use them.
@@ -64,7 +64,7 @@ class Removal:
         return self.chosen(gnss.sv_names)[gnss.sv]
 
     def chosen(self, sv_names: Sequence[str]) -> Bool:
-        """Return which of some satellites are taken away."""
+        """Return which of the given satellites are removed."""
         return np.array(
             [
                 (not self.satellites or sv in self.satellites)

@@ -54,7 +54,7 @@ class Integrations(NamedTuple):
 
 
 def check_options(o: ReceiverOptions) -> None:
-    """Refuse what is not a set of options, and times, directions or choices in it that are none.
+    """Refuse invalid options: times, directions or choices.
 
     Raises
     ------

@@ -83,7 +83,7 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True, repr=False)
 class ReceiverStudy(SavedStudy):
-    """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns.
+    """The result of ``receiver_study``. Tables are DataFrames, the module's text has their columns.
 
     ``receiver_request`` reads from a saved study the arguments that repeat it.
     """
@@ -107,11 +107,11 @@ class ReceiverStudy(SavedStudy):
     antennas: Installation | None
 
     def figure(self) -> Figure:
-        """Return the picture: errors and share lost over C/N0, a line a receiver, with linear theory."""
+        """Return the picture: errors and share lost over C/N0, one line per receiver, with linear theory."""
         return pictures.error_figure(self.summary, self.thresholds, self._title())
 
     def epoch_figure(self) -> Figure:
-        """Return the picture of errors and NEES over time, a line a receiver, at the lowest C/N0."""
+        """Return the picture of errors and NEES over time, one line per receiver, at the lowest C/N0."""
         return pictures.epoch_figure(self.epochs, self._title())
 
     def channel_figure(self) -> Figure:

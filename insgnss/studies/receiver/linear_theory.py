@@ -62,7 +62,7 @@ _HALF: Final = 0.5
 
 
 class LinearErrors(NamedTuple):
-    """Errors by the linear theory, rms, named as in ``summary``; NaN of what it does not know."""
+    """Errors by the linear theory, rms, named as in ``summary``; NaN where the theory gives none."""
 
     phase_rad: float = math.nan  # of all channels together, before an update
     # 3-D, of the receiver's own solution, after an update (one stage with INS: before)
@@ -182,7 +182,7 @@ def _rms(values: Float64) -> float:
 def threshold_table(
     summary: pd.DataFrame, linear_dbhz: Mapping[str, float], scene: StudyScene
 ) -> pd.DataFrame:
-    """Return where half of the runs lose lock, a row a receiver; NaN where no share passes one half."""
+    """Return the C/N0 at which half of the runs lose lock, one row per receiver; NaN where no share passes one half."""
     rows = []
     for name, table in summary.groupby("variant", sort=False):
         ordered = table.sort_values("cn0_dbhz")

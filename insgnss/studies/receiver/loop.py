@@ -159,7 +159,7 @@ def run_receiver(
 
 @kernel(apart=True)
 def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unknown: Float64) -> None:
-    """Carry the filter on by one integration."""
+    """Propagate the filter by one integration."""
     m, rates = f.state[0], f.scratch.rates[0]
     for i in range(3):
         rates.w[i] = rate_b[i] - m.b_g[i]
@@ -170,7 +170,7 @@ def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unk
 
 @kernel(inline=True)
 def predict_offsets(m: StateRecord, satellites: Float64, room: ChannelRoom) -> None:
-    """Write what the filter expects of every channel."""
+    """Write the filter's prediction for every channel."""
     for c in range(satellites.shape[0]):
         distance, rate = line_of_sight(satellites, c, m.r_e, m.v_e, room.u[c], room.g[c])
         room.predicted[c, 0] = distance + m.clock[0]

@@ -49,7 +49,7 @@ _PRECISION_DB: Final = 0.002
 
 
 class Drive(NamedTuple):
-    """What drives the covariance in a step of the filter."""
+    """Driving noise of the covariance in a step of the filter."""
 
     step_s: float
     noise: Float64  # (17,) variance that half a step adds to each state
@@ -85,7 +85,7 @@ def carry_along(
     scratch: tuple[Float64, Float64],
     variances: Float64,
 ) -> None:
-    """Carry a covariance along a motion and write the variances before each step's updates.
+    """Propagate a covariance along a motion and write the variances before each step's updates.
 
     Parameters
     ----------

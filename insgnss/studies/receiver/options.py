@@ -17,7 +17,7 @@ LONGEST_WAIT_S: Final = 120.0  # for errors to settle after the fall of C/N0
 
 @dataclass(frozen=True)
 class ReceiverOptions:
-    """What a receiver study may change. Seconds, hertz, chips."""
+    """Options of a receiver study. Seconds, hertz, chips."""
 
     # of the runs, settling included; None: AVERAGED_S from the start of the average on, as far as the motion allows;
     # past emitters to its end

@@ -35,7 +35,7 @@ from insgnss.tracking.vector_loop import SEEN_RANGE, SEEN_RATE
 def lead_channels(
     receiver: ReceiverDesign, dt: float, with_filter: bool, unknown: float, room: ChannelRoom
 ) -> None:
-    """Carry the channels on, by their own rates and by how the filter's predictions have changed.
+    """Propagate the channels by their own rates and by the change of the filter's predictions.
 
     Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W + U,
               U = q [T^3/3, T^2/2; T^2/2, T], q = ``unknown`` the density of an acceleration that no sample shows

@@ -63,7 +63,7 @@ def _draw_errors(axes: Axes, summary: pd.DataFrame, panel: tuple[str, str, str])
 
 
 def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
-    """Return errors, NEES, share lost, channels and C/N0 over time at the lowest C/N0, a line a receiver.
+    """Return errors, NEES, share lost, channels and C/N0 over time at the lowest C/N0, one line per receiver.
 
     Errors have three times their predicted sigmas as dashed lines.
     """
@@ -97,7 +97,7 @@ def channel_figure(epochs: pd.DataFrame, title: str, cycle_m: float | None) -> F
 def _over_time(
     epochs: pd.DataFrame, panels: Sequence[tuple[str, str, float]], height_in: float
 ) -> tuple[Figure, list[Axes]]:
-    """Return columns over time at the lowest C/N0, a line a receiver; ``panels`` are column, label and unit."""
+    """Return columns over time at the lowest C/N0, one line per receiver; ``panels`` are column, label and unit."""
     figure = new_figure(10.0, height_in)
     shown = epochs[epochs["cn0_dbhz"] == epochs["cn0_dbhz"].min()]
     drawn = [figure.add_subplot(len(panels), 1, k + 1) for k in range(len(panels))]

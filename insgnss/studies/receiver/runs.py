@@ -61,7 +61,7 @@ _LOST_S: Final = 1.0  # ... if it lasts so long; the same of a delay of one chip
 
 @dataclass(frozen=True)
 class Setting:
-    """What all runs of a study have in common."""
+    """Settings common to all runs of a study."""
 
     truth: ClosedLoopTruth
     inertial: InertialTruth | None  # None: no INS
@@ -116,7 +116,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class ReceiverRun:
-    """What one run left, at k recorded integrations; errors are estimate minus truth, ECEF."""
+    """Record of one run at k integrations; errors are estimate minus truth, ECEF."""
 
     lost_s: Float64  # (m,) when each channel was lost, from the beginning; inf: held
     rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]

@@ -131,7 +131,7 @@ def search_rows(receiver_runs: Mapping[tuple[str, float], list[ReceiverRun]]) ->
 
 
 def event_rows(receiver_runs: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
-    """Return when no channel was tracked any more in a run, and when one was again."""
+    """Return the times at which a run lost its last channel, and at which a channel was tracked again."""
     rows = [
         {"variant": name, "cn0_dbhz": level, "run": k, "time_s": time_s, "kind": kind}
         for (name, level), runs in receiver_runs.items()

@@ -189,7 +189,7 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
 
 
 def without_ins(unknown: UnknownMotion) -> ImuGrade:
-    """Return the grade of an inertial system that feels nothing: its bias is the vehicle's acceleration."""
+    """Return the grade of an inertial system that senses nothing: its bias is the vehicle's acceleration."""
     return ImuGrade(
         gyro_bias_deg_per_h=0.0,
         gyro_bias_instability_deg_per_h=0.0,

@@ -21,7 +21,7 @@ RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
 
 
 class ReceiverDesign(NamedTuple):
-    """What fixes a receiver."""
+    """The design of a receiver."""
 
     kind: int
     interval: int  # integrations between two updates of the second stage
@@ -39,7 +39,7 @@ class ReceiverDesign(NamedTuple):
 
 
 class SignalArrivals(NamedTuple):
-    """What arrives over n integrations, m channels."""
+    """The signals that arrive over n integrations at m channels."""
 
     ranges: Float64  # (n, m) with the receiver's clock [m]
     rates: Float64  # (n, m) with its drift [m/s]
@@ -106,7 +106,7 @@ class ChannelRoom(NamedTuple):
 
 
 class ReceiverHistory(NamedTuple):
-    """What is kept of a run."""
+    """Recorded history of a run."""
 
     state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
     covariance: Float64  # (k, 11, 11) of ``RECORDED``

@@ -53,7 +53,7 @@ _LATE_S: Final = 0.05  # samples beyond an interval that its integrations may ne
 
 @dataclass(frozen=True)
 class SampleEquipment:
-    """What both receivers share."""
+    """Equipment common to both receivers."""
 
     settings: SampleReceiver
     sv_names: tuple[str, ...]

@@ -43,7 +43,7 @@ CROSS_CORRELATION_DB: Final = 15.0
 
 
 class SignalPrediction(NamedTuple):
-    """What is expected of each channel's satellite at a sample, (m,); NaN where nothing is."""
+    """Prediction for each channel's satellite at a sample, (m,); NaN without one."""
 
     sample: float
     delay_m: Float64  # pseudorange
@@ -184,7 +184,7 @@ def seeded_span(
 
 
 def unseeded_span(settings: SampleReceiver) -> SearchSpan:
-    """Return the span of a receiver that knows nothing: all delays, all Dopplers."""
+    """Return the span of a receiver without prior knowledge: all delays, all Dopplers."""
     return SearchSpan(0.0, settings.unseeded_doppler_hz, coherent_s=settings.look_s, looks=settings.looks)
 
 

@@ -87,7 +87,7 @@ class SimulatedFlight(Protocol):
 
 @dataclass(frozen=True, repr=False)
 class SampleStudy(SavedStudy):
-    """What the receivers on samples did."""
+    """Results of the receivers on samples."""
 
     TABLES: ClassVar = ("summary", "epochs", "channels", "searches")
     PICTURES: ClassVar = {"sample_receiver": "figure"}
