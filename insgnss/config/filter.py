@@ -313,7 +313,7 @@ class Adaptation(StrictModel):
     least_factor_at_rest: Share = Field(
         0.25, description="the same on a pseudorange's variance at standstill"
     )
-    most_factor: Share = Field(1000.0, description="largest factor on a variance, but for the clock's drift")
+    most_factor: Share = Field(1000.0, description="largest factor on a variance, except the clock drift's")
     reflection_time_s: NotNegative = Field(
         30.0,
         description="correlation time of a reflection that a satellite's residuals show: sd_* include its effect on"

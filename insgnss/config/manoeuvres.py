@@ -53,7 +53,7 @@ class Turn(StrictModel):
 
 
 class STurn(StrictModel):
-    """A turn, twice as much back, and the same turn again: the course is kept, the path displaced."""
+    """A turn, a turn back by twice the angle, and the first turn again: same course, displaced path."""
 
     kind: Literal["s_turn"]
     by_deg: float

@@ -37,7 +37,7 @@ class RangeStep(TimedFault):
 
 
 class RangeRamp(TimedFault):
-    """A pseudorange that runs away; its Doppler stays right."""
+    """A pseudorange that drifts away; its Doppler stays correct."""
 
     kind: Literal["range_ramp"]
     sv: GpsSatellite

@@ -150,7 +150,7 @@ class FrozenSensor(TimedFault):
 
 
 class SensorStep(TimedFault):
-    """Readings that are off by a constant: m/s, m, uT, deg; of a position metres north, east, down."""
+    """Readings with a constant error: m/s, m, uT, deg; for positions metres north, east, down."""
 
     kind: Literal["sensor_step"]
     sensor: str
