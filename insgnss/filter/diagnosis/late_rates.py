@@ -17,6 +17,7 @@ from insgnss.filter.states.rate_lag import RATE_LAG
 _SHORTEST_LAG_S: Final = 0.02  # noise alone estimates some milliseconds
 _LATE_S: Final = (0.03, 0.1, 0.3, 1.0)
 _FACTOR: Final = 10.0**0.5  # from one to the next
+LONG_LAG_S: Final = _LATE_S[-1] / _FACTOR**0.5  # from here on a lag is nearest to the longest that is tried
 _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: the last step is 3.7 percent
 
 

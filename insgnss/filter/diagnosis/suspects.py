@@ -33,7 +33,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.further_sensors import sensors_in_question, without_sensor, wrong_sensor
 from insgnss.filter.diagnosis.hindsight import NOISY, WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.jumps import ACCELEROMETER, GYRO, bias_of
-from insgnss.filter.diagnosis.late_rates import late_rates
+from insgnss.filter.diagnosis.late_rates import LONG_LAG_S, late_rates
 from insgnss.filter.diagnosis.offset_state import with_installation_states, wrong_lever_arm
 from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
@@ -255,7 +255,7 @@ def judge(
     # noise would not name late tags; rates that lag by much are uncertain by much, which explains noise, too
     if any(_explains_most(ranking, each, INERTIAL_NOISE) for each in INSTALLATION):
         fitting, ranking = _without(fitting, INERTIAL_NOISE), _without(ranking, INERTIAL_NOISE)
-    elif _explains_most(ranking, INERTIAL_NOISE, LATE_RATES):
+    elif _is_long_lag(ranking) and _explains_most(ranking, INERTIAL_NOISE, LATE_RATES):
         fitting, ranking = _without(fitting, LATE_RATES), _without(ranking, LATE_RATES)
     if fitting and fitting[0].suspect in (SATELLITES, FURTHER_SENSOR) and fitting[0].log_odds > SURE:
         ranking = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
@@ -280,6 +280,11 @@ def judge(
     either = explanations(again.either([each.best for each in likely]), again.as_it_was)
     verdict = again.to_the_end(over_onsets(either[0], setup.layout)) if either else None
     return verdict, past if verdict is None else replace(past, opened=True)
+
+
+def _is_long_lag(ranking: list[Explanation]) -> bool:
+    """Return whether the likeliest lag of the range rates is about the longest that is tried."""
+    return any(each.suspect == LATE_RATES and each.best.size >= LONG_LAG_S for each in ranking)
 
 
 def _explains_most(ranking: list[Explanation], suspect: str, of: str) -> bool:
