@@ -61,7 +61,7 @@ HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
 HEADING_OPEN: Final = 7  # of several headings none is known any more
-TAGS_JUMPED: Final = 8  # the GNSS tags have jumped, by an offset that is not a state yet
+TAGS_JUMPED: Final = 8  # the GNSS tags have jumped
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
@@ -222,7 +222,7 @@ def run_epochs(
         diverged = head.diverged_ns != 0 and (t_ns - head.diverged_ns) * 1e-9 >= par.divergence_time
         if head.rejected_epochs >= par.lockout_epochs or diverged:
             return LOCKOUT, epoch + 1
-        if par.at_gnss_time < 0 and head.tag_jump_ns == t_ns and par.suspicion_limit > 0.0:
+        if head.tag_jump_ns == t_ns and head.tag_jumps <= UNSTEADY and par.suspicion_limit > 0.0:
             return TAGS_JUMPED, epoch + 1
         if needs_pruning(bank, drop):
             return PRUNE, epoch + 1
@@ -341,8 +341,7 @@ def update_bank(
             else -bank.state[lead].optional[par.at_gnss_time - OFFSETS]
         )
         log_event(out.events, out.counts[0], t_ns, TAG_STEP, late)
-    if par.at_gnss_time >= 0 and bank.head[0].tag_jumps == UNSTEADY:
-        bank.head[0].tag_jumps += 1
+    if par.at_gnss_time >= 0 and bank.head[0].tag_jump_ns == t_ns and bank.head[0].tag_jumps == UNSTEADY:
         log_event(out.events, out.counts[0], t_ns, TAGS_UNSTEADY, UNSTEADY * 1.0)
     risen = bank.state[lead].level_risen
     if risen[PSEUDORANGE] > _NOISY:

@@ -189,7 +189,7 @@ class FilterHealth:
         return Remedy(verdict.bank, [event])
 
     def follow_tags(self, bank: Bank) -> Remedy:
-        """Go on with the offset of the GNSS tags as a state, where that is possible: they have jumped."""
+        """Go on with the offset of the GNSS tags as a state, where possible; no look back crosses their jump."""
         self.doubt, self.past = None, self.past.forgotten()
         bank, self.setup = with_gnss_time(bank, self.setup)
         return Remedy(bank, [])

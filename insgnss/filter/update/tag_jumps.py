@@ -77,6 +77,7 @@ def follow_tag_jump(
         head.tag_tested_ns = t_ns
         if is_state and head.tag_jumps >= UNSTEADY:
             head.tag_shown_ns, head.tag_jump_ns, head.tag_late_s = t_ns, t_ns, 0.0
+            head.tag_jumps = UNSTEADY + 1
         else:
             found = tag_evidence(bank.state[member], P, par, rows, epoch, s)
             if found.log_odds > 0.0:
