@@ -55,6 +55,7 @@ addEventListener("load", () => setTimeout(async () => {
   document.getElementById("utc").click();
   await pause();
   told.utc = [height.layout.xaxis.type, height.layout.xaxis.range[0], height.data[1].x[0], labels()[0]];
+  told.marked = [height.layout.shapes.map((line) => line.x0), [...height.data.at(-1).x]];
   await Plotly.relayout("chart-height", {"xaxis.range": ["2025-09-24 09:35:00", "2025-09-24 09:36"]});
   const dated = () => timed.filter((p) => p.layout.xaxis.range[0].startsWith("2025-09-24 09:35:00")).length;
   for (let tries = 0; tries < 20 && dated() < timed.length; tries += 1) await pause();
@@ -175,11 +176,13 @@ def test_page_shows_utc_on_every_time_axis_when_asked(
     told, console = opened(page, tmp_path)
 
     kind, begin, first, tick = told["utc"]
+    lines, marks = told["marked"]
     assert console == []
     assert kind == "date"
     assert begin.startswith("2025-09-24 09:34:40")
     assert first == "2025-09-24 09:34:42.000"
     assert tick.startswith("09:3")
+    assert lines == marks == [f"2025-09-24 09:{moment}.000" for moment in ("34:42", "35:02", "35:32")]
     assert told["dated"] == told["followers"]
     assert told["seconds"] == [f"{START_S + 18.0:g},{START_S + 78.0:g}"]
     assert told["labels"][0].isdigit()

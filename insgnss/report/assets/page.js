@@ -151,6 +151,7 @@
   function alignTime(layout) {
     layout.xaxis.range = span.map(onAxis);
     if (utc) Object.assign(layout.xaxis, { type: "date", title: { text: "time, UTC" }, tickformat: "", hoverformat: "%H:%M:%S.%2f" });
+    if (utc && layout.shapes) layout.shapes = layout.shapes.map((line) => Object.assign({}, line, { x0: onAxis(line.x0), x1: onAxis(line.x1) }));
     layout.margin.l = window.innerWidth < 600 ? 62 : 78;
     for (const key of axisNames(layout)) if (key[0] === "y") layout[key].automargin = false;
   }
