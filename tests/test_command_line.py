@@ -18,6 +18,8 @@ from insgnss.cli.main import EXIT_CODES, app
 from insgnss.version import __version__
 from tests.conftest import REPOSITORY
 
+SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
+
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Return what a process of its own says: its standard error is no terminal."""
@@ -84,6 +86,24 @@ def test_command_ends_with_the_code_of_the_table(arguments: tuple[str, ...], cod
     assert (done.stdout == "") == (code != 0)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("report", str(SAMPLE)), 5, "this is a file; name the folder of the run"),
+        (("campaign", "imu_grades", "--output", "PLACE", "--workers", "-2"), 2, "invalid number of workers -2"),
+        (("visibility", "none", "--flight", str(SAMPLE), "--threshold", "nan"), 2, "'--threshold': invalid gain nan"),
+        (("allan", str(SAMPLE), "--from", "293800", "--to", "293750"), 2, "it lasts from 293700.010 to 294900.000 s"),
+    ],
+)  # fmt: skip
+def test_wrong_use_ends_with_a_sentence_that_says_what_to_do(
+    arguments: tuple[str, ...], code: int, words: str, tmp_path: Path
+) -> None:
+    done = CliRunner().invoke(app, [str(tmp_path / "out") if a == "PLACE" else a for a in arguments])
+
+    assert done.exit_code == code and words in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_result_alone_stands_on_standard_output_of_a_pipe(tmp_path: Path) -> None:
     done = run("track", "--time", "1", "--channels", "2", "--json")
 
@@ -94,9 +114,8 @@ def test_result_alone_stands_on_standard_output_of_a_pipe(tmp_path: Path) -> Non
 
 def test_output_times_outside_the_log_name_the_option_that_gave_them(tmp_path: Path) -> None:
     (tmp_path / "times.csv").write_text("time_s\n1.0\n")
-    flight = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 
-    refused = CliRunner().invoke(app, ["replay", str(flight), "--times", str(tmp_path / "times.csv")])
+    refused = CliRunner().invoke(app, ["replay", str(SAMPLE), "--times", str(tmp_path / "times.csv")])
 
     assert refused.exit_code == 2
     assert "'--rate, --times': no output time lies inside" in refused.stderr

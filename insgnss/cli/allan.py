@@ -113,12 +113,22 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
 
 
 def _part(imu: ImuTable, first: float | None, last: float | None) -> ImuTable:
-    """Return the samples between two moments in seconds of the week of the first sample."""
+    """Return the samples between two moments in seconds of the week of the first sample.
+
+    Raises
+    ------
+    ConfigError : there is none
+    """
     from insgnss.constants import NS_PER_S, NS_PER_WEEK
     from insgnss.tables import ImuTable
 
     time_s = (imu.t_ns - imu.t_ns[0] // NS_PER_WEEK * NS_PER_WEEK) / NS_PER_S
-    inside = (time_s >= (time_s[0] if first is None else first)) & (
-        time_s <= (time_s[-1] if last is None else last)
-    )
+    begin_s, end_s = (time_s[0] if first is None else first), (time_s[-1] if last is None else last)
+    inside = (time_s >= begin_s) & (time_s <= end_s)
+    if not inside.any():
+        raise ConfigError(
+            f"the log has no sample from {begin_s:.3f} to {end_s:.3f} s",
+            key="--from, --to",
+            advice=f"it lasts from {time_s[0]:.3f} to {time_s[-1]:.3f} s",
+        )
     return ImuTable(imu.t_ns[inside], imu.w_ib_b[inside], imu.f_b[inside])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,6 +66,9 @@ def visibility(
         form = table_form(format)
         if not step >= 0.0:
             raise ConfigError(f"invalid step {step}", key="--step", advice="give seconds, 0 for every row")
+        if threshold is not None and not math.isfinite(threshold):
+            advice = "give a gain in dBic, such as -5"
+            raise ConfigError(f"invalid gain {threshold}", key="--threshold", advice=advice)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
         from insgnss.runs.visibility.figures import PICTURES, save_figures

@@ -209,10 +209,13 @@ def run_campaign(
     Raises
     ------
     ConfigError, ResultError : as ``load_campaign`` and ``prepare``; ConfigError too where receivers have an option
-        that no case uses, ResultError where a scheduler is given and
-        Dask is not installed
+        that no case uses or there are fewer workers than none, ResultError where a scheduler is given and Dask is not
+        installed
     """
     config = config if isinstance(config, CampaignConfig) else load_campaign(config)
+    if workers is not None and workers < 0:
+        advice = "give 1 or more; 0: this process only; left out: one per core"
+        raise ConfigError(f"invalid number of workers {workers}", key="workers", advice=advice)
     require_used(config.case, config.cases())
     path, left = prepare(config, folder, retry_failed=retry_failed)
     n_tasks = len(tasks_of(config, path))
