@@ -18,7 +18,7 @@ from insgnss.report.html import Section, page, paragraphs, table, text, write
 from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.run_time import gps_week, utc_origin_ms
 from insgnss.report.sections.motion import SIGMA_GROUPS
-from insgnss.report.sentences import name_of
+from insgnss.report.sentences import name_of, utc_span
 from insgnss.report.settings_compared import settings_that_differ
 from insgnss.results.shown import ResultDisplay
 from insgnss.runs.reference_errors import errors_against, trajectory_of
@@ -188,7 +188,8 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     ]
     foot = f"insgnss {__version__}; a difference is the run minus '{comparison.first}'."
     title = f"Comparison: {', '.join(comparison.runs)}"
-    return write(path, page(title, sections, foot, utc_origin_ms(comparison.runs[comparison.first])))
+    first = comparison.runs[comparison.first]
+    return write(path, page(title, sections, foot, utc_origin_ms(first), about=f"{title}, {utc_span(first)}"))
 
 
 def _statistics(

@@ -85,19 +85,29 @@ def way_m(nav: pd.DataFrame) -> float:
 
 
 def name_of(run: Run) -> str:
-    """Return the flight's name, and the filter's."""
+    """Return the flight's name, the filter's, and whether the run was smoothed."""
     flight, filter_ = (dict(run.settings.get(key) or {}).get("name") for key in ("flight", "filter"))
-    return f"{flight or 'run'}" + (f" ({filter_})" if filter_ else "")
+    about = ([str(filter_)] if filter_ else []) + (["smoothed"] if run.settings.get("smooth") else [])
+    return f"{flight or 'run'}" + (f" ({', '.join(about)})" if about else "")
 
 
 def name_and_utc(run: Run) -> str:
-    """Return the flight's and the filter's name and the run's time in UTC, for a picture."""
-    first, last = float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
+    """Return the run's name and its time in UTC, for a picture."""
     try:
-        week = gps_week(run)
+        return f"{name_of(run)}, {utc_span(run)}"
     except ResultError:
         return name_of(run)
-    return f"{name_of(run)}, {utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC"
+
+
+def utc_span(run: Run) -> str:
+    """Return the run's first and last time in UTC.
+
+    Raises
+    ------
+    ResultError : the run does not say its GPS week
+    """
+    week, first, last = gps_week(run), float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
+    return f"{utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC"
 
 
 def sentences(run: Run) -> list[str]:
