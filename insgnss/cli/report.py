@@ -35,7 +35,8 @@ def report(
     began = time.perf_counter()
     place = run / "report.html" if output is None else output
     with own_errors_told(), overwriting(force, run_files(run)):
-        if output is not None or not run.is_file():  # else it is the run that is wrong, not a place to write to
+        # a file in place of the run is a wrong run, not a place that cannot be written
+        if output is not None or not run.is_file():
             check_file_replaceable(place, PAGE_KIND)
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.figures import check_figures, save_figures

@@ -151,7 +151,8 @@ def test_page_of_a_comparison_has_all_runs_and_json_is_plain(tmp_path: Path) -> 
 def test_pictures_of_a_comparison_carry_the_runs_and_the_time_in_utc(tmp_path: Path) -> None:
     run = made_run()
     smoothed = replace(run, settings={**run.settings, "smooth": True})
-    content = write_comparison(compare_runs({"one": run, "two": smoothed}), tmp_path / "page.html").read_text()
+    comparison = compare_runs({"one": run, "two": smoothed})
+    content = write_comparison(comparison, tmp_path / "page.html").read_text(encoding="utf-8")
 
     assert 'data-about="Comparison: one, two, 2025-09-24 09:34:42 to 09:39:41 UTC"' in content
     assert "made (tight17), 300 rows" in content and "made (tight17, smoothed), 300 rows" in content
