@@ -66,7 +66,6 @@ TAGS_JUMPED: Final = 8  # the GNSS tags have jumped
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 # satellites at an edge come and go: uncertainty that returns within it is one event
 _UNCERTAIN_APART_S = 10.0
-_JUMPS_APART_S = 10.0  # of GNSS tags that go on jumping one event in so long is enough
 _NOISY: Final = 9.0  # times the variance before: of less the sigmas alone give notice
 _MANY = 7  # pseudoranges that place the filter ...
 _PER_REFUSED = 9  # ... so many used for each refused
@@ -220,10 +219,10 @@ def run_epochs(
         elif head.diverged_ns == 0:
             head.diverged_ns = t_ns
         diverged = head.diverged_ns != 0 and (t_ns - head.diverged_ns) * 1e-9 >= par.divergence_time
+        if head.tag_jump_ns == t_ns and (head.tag_jumps <= UNSTEADY or par.at_gnss_time < 0):
+            return TAGS_JUMPED, epoch + 1
         if head.rejected_epochs >= par.lockout_epochs or diverged:
             return LOCKOUT, epoch + 1
-        if head.tag_jump_ns == t_ns and head.tag_jumps <= UNSTEADY and par.suspicion_limit > 0.0:
-            return TAGS_JUMPED, epoch + 1
         if needs_pruning(bank, drop):
             return PRUNE, epoch + 1
         if is_wide(bank, widest_variance(bank, par.widest_heading_variance)):
@@ -303,7 +302,7 @@ def update_bank(
 
     The leader is updated last, so that the work space then holds its entries for the ledger.
     """
-    n, jumped_ns = bank.state.shape[0], bank.head[0].tag_jump_ns
+    n = bank.state.shape[0]
     lead = bank.head[0].leader
     if par.n_slow > 0:
         place_range_biases(bank, par, rows, epoch, work.epoch.lines)
@@ -334,15 +333,8 @@ def update_bank(
     if done.drift_step != 0.0:
         log_event(out.events, out.counts[0], t_ns, DRIFT_STEP, done.drift_step)
         bank.head[0].renewed_ns = t_ns
-    if bank.head[0].tag_jump_ns == t_ns and (t_ns - jumped_ns) * 1e-9 > _JUMPS_APART_S:
-        late = (
-            bank.head[0].tag_late_s
-            if par.at_gnss_time < 0
-            else -bank.state[lead].optional[par.at_gnss_time - OFFSETS]
-        )
-        log_event(out.events, out.counts[0], t_ns, TAG_STEP, late)
-    if par.at_gnss_time >= 0 and bank.head[0].tag_jump_ns == t_ns and bank.head[0].tag_jumps == UNSTEADY:
-        log_event(out.events, out.counts[0], t_ns, TAGS_UNSTEADY, UNSTEADY * 1.0)
+    if bank.head[0].tag_jump_ns == t_ns and bank.head[0].tag_jumps <= UNSTEADY:
+        note_tag_jump(bank.head[0], bank.state[lead], par, out, t_ns)
     risen = bank.state[lead].level_risen
     if risen[PSEUDORANGE] > _NOISY:
         log_event(out.events, out.counts[0], t_ns, RANGES_NOISY, math.sqrt(risen[PSEUDORANGE]))
@@ -352,6 +344,17 @@ def update_bank(
         note_masking(bank.head[0], bank.state[lead], out, t_ns)
     note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)
     return done
+
+
+@kernel(inline=True)
+def note_tag_jump(head: HeadRecord, lead: StateRecord, par: Parameters, out: Output, t_ns: int) -> None:
+    """Write an event on GNSS tags that have jumped, and one when they have jumped too often to be believed."""
+    if par.at_gnss_time < 0:
+        log_event(out.events, out.counts[0], t_ns, TAG_STEP, head.tag_late_s)
+        return
+    log_event(out.events, out.counts[0], t_ns, TAG_STEP, -lead.optional[par.at_gnss_time - OFFSETS])
+    if head.tag_jumps == UNSTEADY:
+        log_event(out.events, out.counts[0], t_ns, TAGS_UNSTEADY, UNSTEADY * 1.0)
 
 
 @kernel(inline=True)

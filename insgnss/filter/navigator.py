@@ -302,11 +302,12 @@ class Navigator:
         """Handle the stop of the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
+        if code == TAGS_JUMPED:
+            self._accept(self.health.follow_tags(bank), t_ns)
+            return
         remedy = self.health.blame_rates(bank, code, imu, rows, epoch, self.parameters)
         if remedy is not None:
             self._accept(remedy, t_ns)
-        elif code == TAGS_JUMPED:
-            self._accept(self.health.follow_tags(bank), t_ns)
         elif (self.trial is None or self.trial.waits) and self.health.is_due(bank, code, t_ns):
             self._accept(self.health.suspect(bank, imu, t_ns, self.parameters), t_ns)
         elif code == PRUNE:

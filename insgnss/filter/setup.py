@@ -279,11 +279,8 @@ def _refuse_states(states: Any) -> None:
     if not isinstance(states, Sequence) or not all(isinstance(block, StateBlock) for block in states):
         advice = "give a list of insgnss.StateBlock(...)"
         raise ConfigError(f"{states!r} is not a list of state blocks", key="states", advice=advice)
-    own = (
-        UNKNOWN_IMU_TIME,
-        UNKNOWN_GNSS_TIME,
-        UNKNOWN_RATE_LAG,
-    )  # which a filter may add in the middle of a log
+    # which a filter may add in the middle of a log
+    own = (UNKNOWN_LEVER_ARM, UNKNOWN_IMU_TIME, UNKNOWN_GNSS_TIME, UNKNOWN_RATE_LAG)
     taken = {name for block in own for name in (block.name, *block.columns)}
     for block in states:
         if not taken.isdisjoint((block.name, *block.columns)):

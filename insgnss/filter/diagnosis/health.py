@@ -83,7 +83,7 @@ class Remedy(NamedTuple):
 class FilterHealth:
     """A filter's memory of its own health, and its recovery."""
 
-    setup: FilterSetup  # a filter that has found its tags to be off has further states
+    setup: FilterSetup  # a filter that has found tags or a lever arm to be off has further states
     resets_ns: list[int] = field(default_factory=list)
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute

@@ -88,7 +88,7 @@ def with_further_states(bank: Bank, layout: Layout, wider: Layout) -> Bank:
     wide = new_bank(members, wider.n_optional)
     for name in ("state", "head", "seen", "memory"):
         getattr(wide, name)[:] = getattr(bank, name)
-    wide.state["clone_ns"], wide.state["motion_response"] = 0, 0.0
+    wide.state["clone_ns"], wide.state["motion_response"][:, n:] = 0, 0.0
     wide.P[:, :n, :n] = bank.P[:, :n, :n]
     at = n
     for block in wider.blocks[len(layout.blocks) :]:

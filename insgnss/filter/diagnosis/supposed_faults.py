@@ -123,7 +123,8 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def with_errors_that_last(calm: npt.NDArray[Any], bank: Bank) -> npt.NDArray[Any]:
     """Return the numbers with errors of rates and carrier differences that last as long as ``bank`` has found.
 
-    Likelihoods compare only where all explanations count errors alike, and so do satellites that are left out.
+    Likelihoods compare only where all explanations count errors alike, and so do satellites that are left out; and
+    where none has its worst rows refused because a GNSS tag would explain them.
     """
     fixed, lead = calm.copy(), bank.state[bank.head[0].leader]
     interval_s = int(bank.head[0].epoch_step_ns) / NS_PER_S
@@ -131,6 +132,7 @@ def with_errors_that_last(calm: npt.NDArray[Any], bank: Bank) -> npt.NDArray[Any
         found_s = interval_s * epochs_of_an_error(lead, calm[0], kind, interval_s)
         fixed["kind"]["correlation"][0, kind] = max(calm["kind"]["correlation"][0, kind], found_s)
     fixed["rate_error_s"] = 0.0
+    fixed["tag_jump_odds"] = math.inf
     return fixed
 
 

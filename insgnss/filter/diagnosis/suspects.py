@@ -273,7 +273,7 @@ def judge(
             return None, replace(past, in_vain=past.in_vain + 1)
         if chosen.suspect in INSTALLATION:
             verdict = with_installation_states(verdict, again, {each.suspect: each.best for each in likely})
-        return verdict, past.after_verdict(tags_off=chosen.suspect in INSTALLATION and verdict.setup is None)
+        return verdict, past.after_verdict(tags_off=chosen.suspect == IMU_TAGS and verdict.setup is None)
     sensors = [each for each in ranking if each.suspect in SENSORS]
     if past.opened or first not in sensors or not _is_shown(sensors, ranking, before):
         return None, past

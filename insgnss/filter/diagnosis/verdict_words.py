@@ -24,6 +24,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
 from insgnss.filter.state import BA, BG, OFFSETS, Bank
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
+from insgnss.filter.states.rate_lag import RATE_LAG
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
@@ -107,12 +108,14 @@ def _of_tags(verdict: Verdict) -> str:
         rates = f", and so would, at low speed, range rates that lag by {size:.2f} s (gnss.range_rate_lag_s)"
     sigmas = "the sigmas do not include it"
     if verdict.setup is not None:
-        states = (
-            "the offset as a state"
-            if verdict.size > 0.0
-            else "the offset and a lag of the range rates as states"
-        )
-        sigmas = f"the last minute is recomputed with {states} (from the start: process.imu_time_sigma_s)"
+        named = {
+            IMU_TIME: "the offset",
+            RATE_LAG: "a lag of the range rates",
+            LEVER_ARM: "an error of the lever arm",
+        }
+        states = [words for block, words in named.items() if verdict.setup.layout.at(block) >= 0]
+        what = f"{' and '.join(states)} as {'a state' if len(states) == 1 else 'states'}"
+        sigmas = f"the last minute is recomputed with {what} (from the start: process.imu_time_sigma_s)"
     along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
     return (
         f"the inertial time tags are about {size:.2f} s {signs[0]}, or the GNSS tags {signs[1]}: the residuals"

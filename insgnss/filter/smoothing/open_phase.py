@@ -34,6 +34,7 @@ from insgnss.filter.smoothing.smoother_step import (
     keep,
     keep_own,
     kept_as_opened,
+    stepped_tags,
 )
 from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, select_members
 from insgnss.gnss.observation_rows import GnssRows
@@ -75,6 +76,7 @@ def gone_over_alone(
             return []
         kinds = map(int, out.events["kind"][: out.counts[0].events])
         stepped = tuple(_STEPPED[kind] for kind in kinds if kind in _STEPPED)
+        stepped += stepped_tags(bank, layout, int(rows.epoch_ns[0]))
         chain.append(keep(bank, work.epoch, layout, linked=True, stepped=stepped))
     d = apart(epoch.state(), bank.state[0], layout)[_COMPARED]
     P = bank.P[0][_COMPARED, _COMPARED]

@@ -50,9 +50,9 @@ from insgnss.filter.smoothing.smoother_step import (
     last_of_all,
     one_back,
     same_time,
+    stepped_tags,
 )
 from insgnss.filter.state import CLOCK, DRIFT, OFFSETS, Bank, HeadRecord, copy_bank
-from insgnss.filter.states.gnss_time import GNSS_TIME
 from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64, Int64
 
@@ -135,8 +135,7 @@ class Smoother:
             self._phase.epochs.append(rows)
         work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
         stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
-        if layout.at(GNSS_TIME) >= 0 and int(bank.head[0].tag_jump_ns) == int(rows.epoch_ns[0]):
-            stepped += (layout.at(GNSS_TIME),)
+        stepped += stepped_tags(bank, layout, int(rows.epoch_ns[0]))
         if len(bank.state) == 1:
             epoch = keep(
                 bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator)

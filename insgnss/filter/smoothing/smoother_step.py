@@ -32,6 +32,7 @@ from insgnss.filter.state import (
     Bank,
     StateRecord,
 )
+from insgnss.filter.states.gnss_time import GNSS_TIME
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import rotation_matrix, rotation_vector
@@ -91,6 +92,12 @@ def keep_own(bank: Bank, update: OwnUpdate, *, linked: bool, fits: bool) -> Filt
 def kept_as_opened(bank: Bank) -> FilteredEpoch:
     """Return a filter as it was opened, before its first epoch."""
     return FilteredEpoch(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
+
+
+def stepped_tags(bank: Bank, layout: Layout, t_ns: int) -> tuple[int, ...]:
+    """Return the state of the GNSS tags' offset if the epoch's tag has jumped."""
+    at = layout.at(GNSS_TIME)
+    return (at,) if at >= 0 and int(bank.head[0].tag_jump_ns) == t_ns else ()
 
 
 def last_of_all(filtered: FilteredEpoch, layout: Layout) -> SmoothedEpoch:

@@ -11,10 +11,25 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.filter.layout import StateBlock
+from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.state import CLOCK, DR, OFFSETS, StateRecord
+from insgnss.tables import Float64
 
 GNSS_TIME: Final = "gnss_time"
 JUMP_SIGMA_S: Final = 1.0  # of a jump whose size only its rows show
 # of an offset beyond which the acceleration of a moment says too little of a velocity that much earlier or later
 LONGEST_FOR_RATES_S: Final = 0.2
+SPOILT_MPS: Final = (
+    1500.0  # by which wrong tags spoil a place and a clock that are found with them: twice a rate
+)
 UNKNOWN_GNSS_TIME: Final = StateBlock(GNSS_TIME, ("gnss_time_offset_s",), "s", JUMP_SIGMA_S, shown=False)
+
+
+def doubt_place(m: StateRecord, P: Float64, layout: Layout) -> None:
+    """Add to position and clock of a fix what the tags' offset, where it is a state, does to them: no fix knows it."""
+    at = layout.at(GNSS_TIME)
+    if at < 0:
+        return
+    variance = SPOILT_MPS**2 * (m.optional[at - OFFSETS] ** 2 + P[at, at])
+    for state in (DR, DR + 1, DR + 2, CLOCK):
+        P[state, state] += variance

@@ -4,7 +4,7 @@ A tag that is late by d moves each satellite by its own velocity: a pseudorange 
 800 m/s. With the innovations y of covariance S = H P H^T + R at the prior and the rates g, the tag leaves
 q = (y - d g)^T S^-1 (y - d g), d = g^T S^-1 y / g^T S^-1 g, of n rows about n. Two other explanations compete:
 
-    noise that has risen by any factor   log odds n / 2 ln(y^T S^-1 y / q) - ln(T sqrt(g^T S^-1 g / 2 pi))
+    noise that has risen by any factor   log odds n / 2 ln(y^T S^-1 y / q) - ln(1 + T sqrt(g^T S^-1 g / 2 pi))
     another place, unknown               log odds (q_place - q) n / 2 q,  q_place what position and clock leave
 
 d being anywhere in T. The lesser of the two counts, q at least n. Where neither tag nor place alone explains the epoch,
@@ -26,7 +26,7 @@ import numpy as np
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, HeadRecord, StateRecord
-from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S
+from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S, SPOILT_MPS
 from insgnss.filter.update.consistency import LEAST_WITNESSES, is_variance, used_rows, write_innovations
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.line_of_sight import line_of_sight
@@ -46,7 +46,6 @@ _UNSTEADY_S: Final = 60.0
 _CLOCK, _GROWTH, _INNOVATION, _COLUMNS = 3, 4, 5, 6
 _N_PLACE: Final = 4
 _MANY: Final = 8  # pseudoranges that tell a wrong tag and a wrong place from noise
-_SPOILT_MPS: Final = 1500.0  # by which wrong tags spoil place and clock: twice the fastest range rate
 
 
 class TagEvidence(NamedTuple):
@@ -67,8 +66,9 @@ def follow_tag_jump(
 ) -> None:
     """Look whether the tag of an epoch has jumped, once for all hypotheses, and refuse the rows that cannot be used.
 
-    Where the offset of the tags is a state, it is unknown again and the rows are used. Otherwise the pseudoranges are
-    refused, and if the offset is large all rows. The lines are predicted.
+    Where the offset of the tags is a state, it is unknown again and the rows are used; otherwise the pseudoranges are
+    refused. Carrier differences are refused in any case, range rates if the offset is large. A place that is found to
+    be wrong becomes uncertain. The lines are predicted.
     """
     head, P, t_ns = bank.head[0], bank.P[member], rows.epoch_ns[epoch]
     lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
@@ -90,11 +90,11 @@ def follow_tag_jump(
         refuse_from(RANGE_RATE, N_KINDS, lines)
     refuse_from(CARRIER, N_KINDS, lines)
     if head.tag_elsewhere == 1 and head.tag_jump_ns == t_ns:
-        forget_place(P, _SPOILT_MPS * head.tag_late_s)
+        forget_place(P, SPOILT_MPS * head.tag_late_s)
     if not is_state or head.tag_jump_ns != t_ns:
         refuse_from(PSEUDORANGE, RANGE_RATE, lines)
-        return
-    forget_offset(bank, member, par.at_gnss_time)
+    else:
+        forget_offset(bank, member, par.at_gnss_time)
     for j in range(lines.shape[0]):
         line = lines[j]
         for kind in range(CARRIER):
