@@ -8,7 +8,8 @@ import numpy as np
 
 from insgnss.filter.diagnosis.offset_state import with_further_states
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
-from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
+from insgnss.filter.loop import note_tag_jump
+from insgnss.filter.output.writing import N_NAV, NAV_DTYPE, new_output
 from insgnss.filter.rows.late_rates import carry_late_velocity
 from insgnss.filter.smoothing.between import NextEpoch, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import PointColumns, further_values
@@ -23,7 +24,7 @@ from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.filter.update.slow_errors import correct_by_row_without
-from insgnss.filter.update.tag_jumps import follow_tag_jump
+from insgnss.filter.update.tag_jumps import UNSTEADY, follow_tag_jump
 from insgnss.gnss.observation_rows import N_BANDS
 from tests.filter.test_tag_jumps import tagged_epoch
 from tests.kernels import KernelCase
@@ -57,7 +58,9 @@ def jumped_tags() -> list[Any]:
             made = with_further_states(made, Layout(), Layout((UNKNOWN_GNSS_TIME,)))
         par.at_gnss_time, par.tag_jump_odds = at, 1.0
         follow_tag_jump(made, 0, par, log, 0, work)
-        found += [made, work.lines["status"].copy(), work.lines["predicted"].copy()]
+        out, made.head[0].tag_jumps = new_output(log, 1, 4, np.zeros(0, np.int64)), UNSTEADY
+        note_tag_jump(made.head[0], made.state[0], par, out, START_NS)
+        found += [out.events["a"].copy(), made, work.lines["status"].copy(), work.lines["predicted"].copy()]
     return found
 
 
