@@ -10,7 +10,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.rows.clock_offsets import place_clocks
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, DR, DRIFT, DV, PSI, StateRecord
-from insgnss.filter.states.gnss_time import doubt_place
+from insgnss.filter.states.gnss_time import forget_gnss_time, gnss_time_of
 from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.filter.states.range_biases import RANGE_BIASES
@@ -75,7 +75,7 @@ def reinitialise_position(
         hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_ib_b - m.b_g) @ J
     P[:] = hangs @ P @ hangs.T
     to_imu_time(m, P, layout, with_velocity=fix.v_a is not None)
-    doubt_place(m, P, layout)
+    forget_gnss_time(m, P, layout, gnss_time_of(m, layout))
 
 
 def inflate_bias_covariance(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:

@@ -41,7 +41,7 @@ from insgnss.filter.start.start import (
     open_headings,
 )
 from insgnss.filter.state import BA, BG, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
-from insgnss.filter.states.gnss_time import doubt_place
+from insgnss.filter.states.gnss_time import forget_gnss_time, gnss_time_of
 from insgnss.geodesy.local_level import level_axes
 from insgnss.inertial.alignment import AlignmentWindow, inertial_window
 from insgnss.tables import Event, Float64
@@ -331,7 +331,7 @@ def _carry_values(
         if agrees and P[at, at] > variance:
             P[at, :] = P[:, at] = 0.0  # a tie that the carried value replaces
             m.optional[value], P[at, at] = old.optional[value], variance
-    doubt_place(m, P, layout)
+    forget_gnss_time(m, P, layout, gnss_time_of(old, layout))
     m.noise_factor[:], m.level_epochs[:] = old.noise_factor, old.level_epochs
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
     m.weak_shown, m.weak_rows = old.weak_shown, old.weak_rows

@@ -25,11 +25,23 @@ SPOILT_MPS: Final = (
 UNKNOWN_GNSS_TIME: Final = StateBlock(GNSS_TIME, ("gnss_time_offset_s",), "s", JUMP_SIGMA_S, shown=False)
 
 
-def doubt_place(m: StateRecord, P: Float64, layout: Layout) -> None:
-    """Add to position and clock of a fix what the tags' offset, where it is a state, does to them: no fix knows it."""
+def gnss_time_of(m: StateRecord, layout: Layout) -> float:
+    """Return the offset of a hypothesis [s]; zero where it is not a state."""
+    at = layout.at(GNSS_TIME)
+    return float(m.optional[at - OFFSETS]) if at >= 0 else 0.0
+
+
+def forget_gnss_time(m: StateRecord, P: Float64, layout: Layout, before_s: float) -> None:
+    """Let the offset, where it is a state, be unknown beside the place and clock of a fix, which does not know it.
+
+    Fix and filter may both be right: the tags may have jumped again, or the fix may be off by what the offset
+    ``before_s`` does to it.
+    """
     at = layout.at(GNSS_TIME)
     if at < 0:
         return
-    variance = SPOILT_MPS**2 * (m.optional[at - OFFSETS] ** 2 + P[at, at])
+    m.optional[at - OFFSETS] = 0.0
+    P[at, :] = P[:, at] = 0.0
+    P[at, at] = JUMP_SIGMA_S**2
     for state in (DR, DR + 1, DR + 2, CLOCK):
-        P[state, state] += variance
+        P[state, state] += (SPOILT_MPS * before_s) ** 2
