@@ -32,14 +32,17 @@ def wrong_lever_arm(again: Hindsight) -> list[Verdict]:
 
 
 def with_installation_states(found: Verdict, again: Hindsight, suspects: Mapping[str, Verdict]) -> Verdict:
-    """Return a verdict with the filter that estimates the ``suspects``, at the last epoch.
+    """Return a verdict with the filter of the last epoch that estimates the tags' offset, and a suspect lever arm.
+
+    At constant speed an offset of the tags looks like a lever arm along the way: what is found of one is in doubt
+    without the other.
 
     The wrong installation has spoilt attitude and biases: these begin uncertain, as after a reset. If the rerun fails,
     or the filter has no room for the states, the verdict is returned as it is.
     """
     setup = again.setup
-    if IMU_TAGS in suspects and setup.may_estimate_imu_time:
-        setup = setup.with_imu_time(early=suspects[IMU_TAGS].size < 0.0)
+    if setup.may_estimate_imu_time:
+        setup = setup.with_imu_time(early=IMU_TAGS in suspects and suspects[IMU_TAGS].size < 0.0)
     if LEVER in suspects and setup.may_estimate_lever_arm:
         setup = setup.with_lever_arm()
     if setup is again.setup:

@@ -133,9 +133,9 @@ def _of_lever_arm(verdict: Verdict) -> str:
     sigma = np.sqrt(verdict.bank.P[0].diagonal()[at : at + 3])
     error = zip(m.optional[at - OFFSETS : at - OFFSETS + 3], sigma, "forward right down".split(), strict=True)
     add = ", ".join(f"{value:+.1f} (sigma {own:.1f}) {axis}" for value, own, axis in error)
-    tags = " and that of the inertial tags, which looks alike" if layout.at(IMU_TIME) >= 0 else ""
+    tags = " and the offset of the inertial tags, which looks alike," if layout.at(IMU_TIME) >= 0 else ""
     return (
-        f"{what}. To be added to it, in metres: {add}. The last minute is recomputed with this error{tags} as a state"
+        f"{what}. To be added to it, in metres: {add}. The last minute is recomputed with this error{tags} as states"
         " (from the start: process.lever_arm_sigma_m). Check the lever arm's order, signs and point of origin"
     )
 
