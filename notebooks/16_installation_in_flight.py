@@ -113,7 +113,7 @@ for seed in SEEDS:
 # faults, the filter attributes what the satellites show to the attitude: roll is wrong by nine sigmas. Position and
 # velocity are then compared at the IMU's tags, so their errors include the motion of 20 ms. The search is the default:
 # in all flights it finds within 40 s that the lever arm is wrong, and the filter goes on with its error and the offset
-# of the tags as states. The sigmas hold then. The lever arm's forward component stays uncertain until the speed changes.
+# of the tags as states. The sigmas hold then. The forward component stays uncertain until the speed changes.
 
 # %%
 QUANTITIES = ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "n_m", "e_m", "d_m")
