@@ -349,7 +349,7 @@ def test_check_holds_other_sensors_against_the_fixes(tmp_path: Path) -> None:
     right = {
         f.text: f.severity for f in examine(insgnss.Flight.load(path)).findings if f.topic == "magnetometer"
     }
-    assert set(right.values()) == {"ok"} and any("against the course" in text for text in right)
+    assert set(right.values()) == {"ok"} and any("from the GNSS course" in text for text in right)
 
     log = pd.read_csv(path.parent / "sensor_magnetometer.csv")
     log.iloc[:, 1:] *= 10.0
