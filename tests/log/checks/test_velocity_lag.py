@@ -101,7 +101,7 @@ def test_real_receivers_velocities_are_half_an_epoch_late(
         return examine(insgnss.Flight.load(path)).findings
 
     told = findings("")
-    (late,) = [each for each in told if "late against the position fixes" in each.text]
+    (late,) = [each for each in told if "late relative to the position fixes" in each.text]
     assert late.severity == "warning" and late.advice.startswith("add -0.13")
     # the IMU's tags are right: a lag of the velocities must not be proposed as theirs
     assert not [each for each in told if each.severity == "error" or each.proposals]
