@@ -107,4 +107,4 @@ def test_real_receivers_velocities_are_half_an_epoch_late(
     assert not [each for each in told if each.severity == "error" or each.proposals]
     mended = findings("time.offset_s = -0.134\n")
     assert [each.severity for each in mended if "tags fit the position fixes" in each.text] == ["ok"]
-    assert not [each for each in mended if "late against" in each.text or each.proposals]
+    assert not [each for each in mended if "late relative" in each.text or each.proposals]
