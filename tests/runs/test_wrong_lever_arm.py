@@ -5,23 +5,20 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
-from itertools import cycle
 
 import numpy as np
 import pytest
 
 import insgnss
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import FilterEngine
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.state import MAX_OPTIONAL
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
-from tests.filter.test_engine import assert_same_bits, no_delay, stream
 from tests.runs.scenes import START_S, flight, kinds, turns
 from tests.runs.test_gnss_tags import worst
-from tests.runs.test_imu_tags_found import SURVEYED
+from tests.runs.test_imu_tags_found import SURVEYED, assert_stream_has_the_same_bits
 
 WRONG_M = (0.5, -2.0, 1.5)  # by which the flight file is off; the part along the way looks like a time offset
 BLAMED = {"imu_distrusted", "satellite_suspect", "rates_late", "reset", "restart"}
@@ -87,12 +84,7 @@ def test_lever_arm_without_room_for_its_states_does_not_become_one() -> None:
 
 
 def test_stream_has_the_same_bits() -> None:
-    flown = declared()
-    for delays in (no_delay(), cycle((400_000_000, 200_000_000, 0))):
-        engine = FilterEngine(setup_filter(flown, flown.logs, filter_config("tight17")))
-        stream(engine, flown.logs, delays)
-        assert_same_bits(engine.take_results(all_of_them=True), flown.logs, flown)
-        assert "lever_arm_suspect" in {event.kind for event in engine.events}
+    assert_stream_has_the_same_bits(declared(), "lever_arm_suspect")
 
 
 def test_smoother_goes_back_to_where_it_was_found() -> None:
