@@ -182,11 +182,9 @@ def tag_evidence(
     if n < _MANY:
         return NOTHING
     apart = explained(growth2_apart, both_apart, left_by_place, n - _N_PLACE * 1.0)
-    return (
-        TagEvidence(apart.late_s, apart.sigma_s, apart.log_odds, 1)
-        if apart.log_odds > _LEAST_ODDS
-        else NOTHING
-    )
+    if apart.log_odds > _LEAST_ODDS:
+        return TagEvidence(apart.late_s, apart.sigma_s, apart.log_odds, 1)
+    return NOTHING
 
 
 @kernel(inline=True)
@@ -220,11 +218,8 @@ def are_unusual(lines: Lines) -> bool:
         line = lines[j]
         if line.status[PSEUDORANGE] == USED:
             n += 1
-            y, variance = (
-                line.innovation[PSEUDORANGE],
-                line.predicted[PSEUDORANGE] + line.variance[PSEUDORANGE],
-            )
-            total += y * y / variance
+            variance = line.predicted[PSEUDORANGE] + line.variance[PSEUDORANGE]
+            total += line.innovation[PSEUDORANGE] ** 2 / variance
     return n >= LEAST_WITNESSES and total > _UNUSUAL * n
 
 
