@@ -12,9 +12,9 @@ from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.filter.states.gnss_time import forget_gnss_time, gnss_time_of
 from insgnss.filter.states.imu_time import to_imu_time
-from insgnss.filter.states.lever_arm import lever_of, lever_rows
+from insgnss.filter.states.lever_arm import hang_from_antenna, lever_of
 from insgnss.filter.states.range_biases import RANGE_BIASES
-from insgnss.geodesy.rotations import EARTH_RATE_E, cross_matrix
+from insgnss.geodesy.rotations import EARTH_RATE_E
 from insgnss.gnss.least_squares import CLOCKS
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
@@ -43,7 +43,6 @@ def reinitialise_position(
     w_ib_b : (3,) the gyros' rate at the fix [rad/s]
     inter_system_sigma_m : of a clock offset that the fix does not give
     """
-    J = lever_rows(layout, len(P))
     beyond2 = sigma_beyond_m(layout.at(RANGE_BIASES) >= 0) ** 2
     lever_b = lever_of(m, lever_b, layout)
     states = [*range(DR, DR + 3), *range(DV, DV + 3), DRIFT]
@@ -69,11 +68,7 @@ def reinitialise_position(
         P[DRIFT, DRIFT] = 10.0**2
     m.clone_ns = 0
     m.drift_moved[:] = 0.0
-    hangs = np.eye(len(P))
-    hangs[DR : DR + 3] -= m.C_eb @ J
-    if fix.v_a is not None:
-        hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_ib_b - m.b_g) @ J
-    P[:] = hangs @ P @ hangs.T
+    hang_from_antenna(m, P, None if fix.v_a is None else w_ib_b - m.b_g, layout)
     to_imu_time(m, P, layout, with_velocity=fix.v_a is not None)
     forget_gnss_time(m, P, layout, gnss_time_of(m, layout))
 

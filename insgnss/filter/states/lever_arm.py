@@ -37,15 +37,17 @@ def lever_of(m: StateRecord, lever_b: Float64, layout: Layout) -> Float64:
     return lever_b if at < 0 else lever_b + m.optional[at - OFFSETS : at - OFFSETS + 3]
 
 
-def hang_from_antenna(m: StateRecord, P: Float64, w_b: Float64, layout: Layout) -> None:
+def hang_from_antenna(m: StateRecord, P: Float64, w_b: Float64 | None, layout: Layout) -> None:
     """Let position and velocity share the lever arm's error, where it is a state: the antenna's are what was measured.
 
-    Equation: P <- T P T^T with dr = dr_a - C dl, dv = dv_a - C (w x dl), w the body's rate ``w_b`` [rad/s]
+    Equation: P <- T P T^T with dr = dr_a - C dl, dv = dv_a - C (w x dl), w the body's rate ``w_b`` [rad/s]; without it
+    the velocity is not the antenna's
     """
     J = lever_rows(layout, len(P))
     hangs = np.eye(len(P))
     hangs[DR : DR + 3] -= m.C_eb @ J
-    hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_b) @ J
+    if w_b is not None:
+        hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_b) @ J
     P[:] = hangs @ P @ hangs.T
 
 
