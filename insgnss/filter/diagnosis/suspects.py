@@ -4,8 +4,8 @@ When all satellites together contradict the filter's own prediction (``integrity
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
 some instant on, or wrong for a moment; with more noise in all satellites' rows or all inertial samples; without
 satellites that may run away; without range rates, or with range rates that lag; with tags or a lever arm that are
-off; with a further sensor that is less accurate than it says, or late. Each explanation has a prior and a likelihood, integrated
-over what it does not know (onset, size, axis, rate), which gives its posterior:
+off; with a further sensor that is less accurate than it says, or late. Each explanation has a prior and a likelihood,
+integrated over what it does not know (onset, size, axis, rate), which gives its posterior:
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
