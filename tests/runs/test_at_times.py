@@ -80,7 +80,7 @@ def test_rows_a_second_apart_are_too_few_for_a_turn() -> None:
     ) as error:
         rows_at(nav, between["time_s"], InterpolationLimits(0.2, 0.2, 0.5))
 
-    assert "replay(..., output=times)" in error.value.advice
+    assert "replay with output=times" in error.value.advice
     worst = np.abs(off_deg(rows_at(nav, between["time_s"], ANY), between, "roll_deg")).max()
     assert worst > 1.0  # as is told
     assert straight.any()
@@ -208,7 +208,7 @@ def test_other_rows_are_advised_only_where_a_replay_gives_them(kinds: tuple[str,
     with pytest.raises(ResultError, match="no row between") as refused:
         with_gap(*kinds).at([START_S + 81.0])
 
-    assert ("replay(..., output=times)" in refused.value.advice) is helps
+    assert ("replay with output=times" in refused.value.advice) is helps
     assert ("the inertial samples have a gap there" in refused.value.advice) is not helps
 
 
