@@ -201,7 +201,7 @@ class Process(StrictModel):
         0.0, le=100.0, description="sigma of each lever arm component, then estimated; 0: exact"
     )
     imu_time_sigma_s: NotNegative = Field(
-        0.0,
+        0.02,
         le=0.1,
         description="sigma of the IMU's time offset, then estimated; 0: exact; declare a larger offset with"
         " imu.time.offset_s, which insgnss check finds",

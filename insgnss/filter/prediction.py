@@ -14,7 +14,12 @@ import numpy.typing as npt
 
 from insgnss.antenna.visibility import variance_along
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
+from insgnss.filter.headings.motion import (
+    FORCE_MEAN_TIME_S,
+    follow_near_motion,
+    follow_velocity,
+    motion_specific_force,
+)
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.late_rates import carry_late_velocity
 from insgnss.filter.sensor_errors import correct_sensors, factor_of
@@ -239,6 +244,7 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, half)
+    follow_near_motion(m, par, w, dv_e, dt)
     if m.rates_late_s > 0.0:
         carry_late_velocity(m, par, w, before_e, dt)
     m.clock[0] += m.clock[1] * dt

@@ -82,16 +82,19 @@ class FilterSetup:
 
     @property
     def may_estimate_imu_time(self) -> bool:
-        """Whether the offset of the IMU's time tags is not a state yet, and there is room for it."""
-        return self.layout.at(IMU_TIME) < 0 and self.layout.n_optional + 2 <= MAX_OPTIONAL
+        """Whether the offset of the IMU's time tags is a state, or there is room for it."""
+        return self.layout.at(IMU_TIME) >= 0 or self.layout.n_optional + 2 <= MAX_OPTIONAL
 
     def with_imu_time(self, *, early: bool) -> FilterSetup:
-        """Return the setup of a filter that also estimates the offset of the IMU's time tags, unseen in ``nav``.
+        """Return the setup of a filter that estimates the offset of the IMU's time tags, unseen in ``nav`` if added.
 
-        Tags that look ``early`` may be range rates that lag: then their lag is a state as well.
+        Tags that look ``early`` may be range rates that lag: then their lag is a state as well, if there is room.
         """
-        unknown = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG) if early else (UNKNOWN_IMU_TIME,)
-        return replace(self, states_wanted=(*self.states_wanted, *unknown))
+        names = (UNKNOWN_IMU_TIME, UNKNOWN_RATE_LAG) if early else (UNKNOWN_IMU_TIME,)
+        added = tuple(block for block in names if self.layout.at(block.name) < 0)
+        if self.layout.n_optional + len(added) > MAX_OPTIONAL:
+            return self
+        return replace(self, states_wanted=(*self.states_wanted, *added))
 
     @property
     def may_estimate_gnss_time(self) -> bool:

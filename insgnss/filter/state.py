@@ -91,6 +91,9 @@ class StateRecord(Record):
     sum_dt: float  # time [s]
     f_smooth: Annotated[Float64, 3]  # specific force of the last moments, ECEF [m/s^2]
     w_smooth: Annotated[Float64, 3]  # rate of the last moments, body [rad/s]
+    # both over the time by which the IMU's tags are off; of the last sample where that is shorter
+    f_near: Annotated[Float64, 3]
+    w_near: Annotated[Float64, 3]
     # specific force and rate of the last step, body: what sensor errors go with
     f_last: Annotated[Float64, 3]
     w_last: Annotated[Float64, 3]
@@ -248,6 +251,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
         target.r_clone[i] = source.r_clone[i]
         target.f_smooth[i] = source.f_smooth[i]
+        target.f_near[i], target.w_near[i] = source.f_near[i], source.w_near[i]
         target.f_last[i], target.w_last[i] = source.f_last[i], source.w_last[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
@@ -310,6 +314,19 @@ def copy_matrix(source: Float64, target: Float64) -> None:
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
+
+
+@kernel(inline=True)
+def forget_state(bank: Bank, member: int, at: int, variance: float) -> None:
+    """Make one state of a hypothesis, at ``at`` in the error state, unknown; its value stays, to be linear there."""
+    P = bank.P[member]
+    for i in range(P.shape[0]):
+        P[at, i], P[i, at] = 0.0, 0.0
+        bank.slow.R[at, i], bank.slow.R[i, at] = 0.0, 0.0
+    for k in range(bank.slow.S.shape[0]):
+        bank.slow.S[k, at] = 0.0
+    P[at, at] = variance
+    bank.state[member].motion_response[at] = 0.0
 
 
 def copy_bank(bank: Bank) -> Bank:

@@ -47,9 +47,9 @@ def manoeuvring_filter() -> Bank:
     m.optional[0] = TIME_S
     m.r_clone[:] = m.r_e - 0.5 * m.v_e
     m.clone_ns = START_NS - STEP_NS
-    m.w_smooth[:] = m.w_last[:] = RATE
-    m.f_last[:] = PULL
-    m.f_smooth[:], m.v_shown[:] = m.C_eb @ PULL, m.v_e
+    m.w_near[:] = m.w_smooth[:] = m.w_last[:] = RATE
+    m.f_near[:] = m.f_smooth[:] = m.C_eb @ PULL
+    m.v_shown[:] = m.v_e
     return bank
 
 
@@ -149,7 +149,7 @@ def test_state_set_by_a_fix_is_carried_to_the_imus_time_and_back() -> None:
     fixed, r_fix, v_fix = P.copy(), m.r_e.copy(), m.v_e.copy()
     block = imu_time(settings(0.02))
     assert block is not None
-    m.w_last[:] = m.w_smooth[:] = 0.0
+    m.w_near[:] = m.w_last[:] = m.w_smooth[:] = 0.0
     to_imu_time(m, P, Layout((block,), clone=True))
     assert np.linalg.norm(m.r_e - r_fix) > 3.0
     r_e, v_e, _, at = at_gps_time(bank)

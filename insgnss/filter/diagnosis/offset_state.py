@@ -17,7 +17,7 @@ from insgnss.filter.diagnosis.supposed_faults import IMU_TAGS, LEVER, quiet, wit
 from insgnss.filter.layout import Layout
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import OFFSETS, Bank, SlowErrors, new_bank
-from insgnss.filter.states.imu_time import IMU_TIME, to_imu_time
+from insgnss.filter.states.imu_time import doubt_imu_time
 from insgnss.filter.states.lever_arm import LEVER_ARM, hang_from_antenna
 from insgnss.inertial.sensor_model import sensor_model
 
@@ -35,19 +35,22 @@ def with_installation_states(found: Verdict, again: Hindsight, suspects: Mapping
     """Return a verdict with the filter of the last epoch that estimates the tags' offset, and a suspect lever arm.
 
     At constant speed an offset of the tags looks like a lever arm along the way: what is found of one is in doubt
-    without the other.
+    without the other. An offset that is a state already is unknown again: the tags have changed.
 
     The wrong installation has spoilt attitude and biases: these begin uncertain, as after a reset. If the rerun fails,
     or the filter has no room for the states, the verdict is returned as it is.
     """
     setup = again.setup
-    if setup.may_estimate_imu_time:
+    doubted = setup.may_estimate_imu_time
+    if doubted:
         setup = setup.with_imu_time(early=IMU_TAGS in suspects and suspects[IMU_TAGS].size < 0.0)
     if LEVER in suspects and setup.may_estimate_lever_arm:
         setup = setup.with_lever_arm()
-    if setup is again.setup:
+    elif not doubted:
         return found
     run, bank = _widened(again, setup)
+    if doubted:
+        doubt_imu_time(bank, setup.layout)
     inflate_bias_covariance(
         bank.state[0], bank.P[0], sensor_model(setup.grade, setup.layout.names), setup.layout
     )
@@ -63,8 +66,6 @@ def _widened(again: Hindsight, setup: FilterSetup) -> tuple[Hindsight, Bank]:
     m, P = bank.state[0], bank.P[0]
     if before.at(LEVER_ARM) < 0:
         hang_from_antenna(m, P, m.w_last, layout)
-    if before.at(IMU_TIME) < 0:
-        to_imu_time(m, P, layout)
     run = copy(again)
     run.setup = setup
     run.parameters = with_errors_that_last(quiet(setup.parameters()), again.past.banks[0])

@@ -1,6 +1,6 @@
 """A state at GPS time, where the IMU's tags are off by a time that is estimated; otherwise the state as it is.
 
-The state goes back by s, as the last sample moves it: the rate as it changes, all of that change counting as error,
+The state goes back by s, as the mean of as long moves it: the rate as it changes, all of that counting as error,
     w' = (w - its mean of the last moments) / their length,    C <- C exp(-[(w - w' s / 2) s x]),    d = C w' s^2 / 2
 """
 
@@ -12,7 +12,7 @@ from insgnss.filter.headings.motion import angular_acceleration
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import DR, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.vectors import place, plus, rotate, times
+from insgnss.geodesy.vectors import place, plus, rotate, rotate_back, times
 from insgnss.inertial.mechanization import mechanize
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -32,8 +32,10 @@ def place_at_gps_time(
     for i in range(4):
         q[i] = m.q_eb[i]
     back, w, scratch = m.optional[par.at_imu_time - OFFSETS], np.empty(3), np.empty(3)
-    place(w, 0, plus(m.w_last, times(angular_acceleration(m), -0.5 * back)))
-    mechanize(q, C, r_e, v_e, w, m.f_last, -back, scratch)
+    f = np.empty(3)
+    place(w, 0, plus(m.w_near, times(angular_acceleration(m), -0.5 * back)))
+    place(f, 0, rotate_back(C, m.f_near))
+    mechanize(q, C, r_e, v_e, w, f, -back, scratch)
 
 
 @kernel(inline=True)
@@ -44,7 +46,7 @@ def covariance_at_gps_time(m: StateRecord, par: Parameters, P: Float64) -> None:
         return
     gravity = np.empty(3)
     normal_gravity_ecef(m.r_e, gravity)
-    a, w = plus(rotate(m.C_eb, m.f_last), gravity), rotate(m.C_eb, m.w_last)
+    a, w = plus(m.f_near, gravity), rotate(m.C_eb, m.w_near)
     for j in range(P.shape[0]):
         for i in range(3):
             P[DR + i, j] -= m.v_e[i] * P[at, j]

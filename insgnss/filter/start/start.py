@@ -249,7 +249,7 @@ def _place_state(
     m.b_g[:] = attitude.b_g
     g_e = np.zeros(3)
     normal_gravity_ecef(m.r_e, g_e)
-    m.f_smooth[:] = -g_e  # no motion before
+    m.f_smooth[:] = m.f_near[:] = -g_e  # no motion before
     m.f_last[:], m.w_last[:] = C_eb.T @ -g_e, w_ib_b - attitude.b_g
     m.clock[1] = kin.drift
     m.log_weight = math.log(attitude.weight)

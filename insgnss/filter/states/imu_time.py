@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.filter.layout import Layout, StateBlock
-from insgnss.filter.state import DR, DV, OFFSETS, StateRecord
+from insgnss.filter.state import DR, DV, OFFSETS, Bank, StateRecord, forget_state
 from insgnss.filter.states.wanted import StateInputs
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.tables import Float64
@@ -32,20 +32,32 @@ def imu_time(wanted: StateInputs) -> StateBlock | None:
     return StateBlock(IMU_TIME, _COLUMNS, "s", sigma) if sigma > 0.0 else None
 
 
+def doubt_imu_time(bank: Bank, layout: Layout) -> None:
+    """Let the offset be unknown, and the place with it, as tags that have changed leave them; its value stays."""
+    at = layout.at(IMU_TIME)
+    forget_state(bank, 0, at, UNKNOWN_IMU_TIME.variance)
+    _move_in_time(bank.state[0], bank.P[0], at, 0.0, True)
+
+
 def to_imu_time(m: StateRecord, P: Float64, layout: Layout, *, with_velocity: bool = True) -> None:
     """Carry a state that was set by a fix from the fix's time to the IMU's, with its covariance.
 
     Without a velocity in the fix the state has kept its own, which is of the IMU's time already.
+    """
+    at = layout.at(IMU_TIME)
+    if at >= 0:
+        _move_in_time(m, P, at, float(m.optional[at - OFFSETS]), with_velocity)
+
+
+def _move_in_time(m: StateRecord, P: Float64, at: int, s: float, with_velocity: bool) -> None:
+    """Move a state by ``s`` of an uncertain time.
 
     Equation: r <- r + v s, dr <- dr + v ds; v <- v + a s, P_v <- P_v + a a^T sigma_s^2, a = C f + g. A moment's a may
     be a tilt, so its product with ds counts as noise of the velocity and is not correlated with ds.
     """
-    at = layout.at(IMU_TIME)
-    if at < 0:
-        return
-    gravity, s = np.zeros(3), m.optional[at - OFFSETS]
+    gravity = np.zeros(3)
     normal_gravity_ecef(m.r_e, gravity)
-    acceleration = m.C_eb @ m.f_last + gravity
+    acceleration = m.f_near + gravity
     m.r_e[:] += s * m.v_e
     if with_velocity:
         m.v_e[:] += s * acceleration

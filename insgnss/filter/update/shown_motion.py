@@ -51,25 +51,25 @@ def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -
     does, C dl = v ds, in turns as well: both turn with the body. So the turn of the velocity, (C w - w_ie) x v, counts
     by the rate w that the lever arm's column has (``place_turning``); otherwise the entry of a turn would separate the
     two. Only the rest of the acceleration separates them. It counts less its noise, and only while the velocity
-    is not that of the last seconds: a vehicle at rest vibrates.
+    is not that of the last seconds: a vehicle at rest vibrates. Both are means of the last moments: vibration of 0.5
+    m/s^2 in a sample would show the time as motion does, and the time would be known too well and too small.
     """
     if par.at_imu_time < 0:
         return
     place(a.shown_v_e, 0, plus(m.v_shown, a.turning_e))
     gravity, earth_rate = a.shown_a_e, (0.0, 0.0, WGS84_OMEGA_RADPS)
     normal_gravity_ecef(m.r_e, gravity)
-    fixed = plus(gravity, times(cross(earth_rate, m.v_e), -2.0))
-    along, turned, turn = 1.0, 1.0, cross(plus(rotate(m.C_eb, m.w_last), times(earth_rate, -1.0)), m.v_e)
+    turn = cross(plus(rotate(m.C_eb, m.w_smooth), times(earth_rate, -1.0)), m.v_e)
+    whole = plus(plus(gravity, times(cross(earth_rate, m.v_e), -2.0)), m.f_smooth)
+    rest = plus(whole, times(turn, -1.0))
+    along, turned = 1.0, 1.0
     if par.motion_gate2 > 0.0:
-        mean_turn = cross(plus(rotate(m.C_eb, m.w_smooth), times(earth_rate, -1.0)), m.v_e)
-        along = _shown_share(m, P, par, plus(plus(fixed, m.f_smooth), times(mean_turn, -1.0)))
+        along = _shown_share(m, P, par, rest)
         rate2 = dot(m.w_last, m.w_last)
         turned = dot(a.w_b, m.w_last) / rate2 if rate2 > 0.0 else 0.0
-    whole = plus(fixed, rotate(m.C_eb, m.f_last))
     centripetal = rotate(m.C_eb, cross(a.w_b, cross(a.w_b, a.l_b)))
     for i in range(3):
-        a.whole_a_e[i] = whole[i] + centripetal[i]
-        a.shown_a_e[i] = along * (whole[i] - turn[i]) + turned * turn[i] + centripetal[i]
+        a.shown_a_e[i] = along * rest[i] + turned * turn[i] + centripetal[i]
 
 
 @kernel(inline=True)

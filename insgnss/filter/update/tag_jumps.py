@@ -25,7 +25,7 @@ import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import EpochWorkspace, Lines
-from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, HeadRecord, StateRecord
+from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, HeadRecord, StateRecord, forget_state
 from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, LONGEST_FOR_RATES_S, SPOILT_MPS
 from insgnss.filter.update.consistency import LEAST_WITNESSES, is_variance, used_rows, write_innovations
 from insgnss.filter.update.scalar_update import predicted_variance
@@ -94,7 +94,7 @@ def follow_tag_jump(
     if not is_state or head.tag_jump_ns != t_ns:
         refuse_from(PSEUDORANGE, RANGE_RATE, lines)
     else:
-        forget_offset(bank, member, par.at_gnss_time)
+        forget_state(bank, member, par.at_gnss_time, JUMP_SIGMA_S**2)
     for j in range(lines.shape[0]):
         line = lines[j]
         for kind in range(CARRIER):
@@ -131,19 +131,6 @@ def forget_place(P: Float64, sigma_m: float) -> None:
     for i in range(3):
         P[DR + i, DR + i] += sigma_m * sigma_m
     P[CLOCK, CLOCK] += sigma_m * sigma_m
-
-
-@kernel(inline=True)
-def forget_offset(bank: Bank, member: int, at: int) -> None:
-    """Make the offset of the GNSS tags, at ``at`` in the error state, unknown; its value stays, to be linear there."""
-    P = bank.P[member]
-    for i in range(P.shape[0]):
-        P[at, i], P[i, at] = 0.0, 0.0
-        bank.slow.R[at, i], bank.slow.R[i, at] = 0.0, 0.0
-    for k in range(bank.slow.S.shape[0]):
-        bank.slow.S[k, at] = 0.0
-    P[at, at] = JUMP_SIGMA_S**2
-    bank.state[member].motion_response[at] = 0.0
 
 
 @kernel(apart=True)
