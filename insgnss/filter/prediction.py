@@ -244,7 +244,7 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, half)
-    follow_near_motion(m, par, w, dv_e, dt)
+    follow_near_motion(m, w, dv_e, dt)
     if m.rates_late_s > 0.0:
         carry_late_velocity(m, par, w, before_e, dt)
     m.clock[0] += m.clock[1] * dt

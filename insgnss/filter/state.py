@@ -91,7 +91,8 @@ class StateRecord(Record):
     sum_dt: float  # time [s]
     f_smooth: Annotated[Float64, 3]  # specific force of the last moments, ECEF [m/s^2]
     w_smooth: Annotated[Float64, 3]  # rate of the last moments, body [rad/s]
-    # both over the time by which the IMU's tags are off; of the last sample where that is shorter
+    # both of the time by which the IMU's tags may be off, ``near_s``; of the last sample where that is shorter
+    near_s: float
     f_near: Annotated[Float64, 3]
     w_near: Annotated[Float64, 3]
     # specific force and rate of the last step, body: what sensor errors go with
@@ -275,7 +276,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         for j in range(N_LASTING_SUMS):
             target.lasting[i, j] = source.lasting[i, j]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
-    target.swung_ns = source.swung_ns
+    target.swung_ns, target.near_s = source.swung_ns, source.near_s
     target.carriers_tested, target.carriers_failed = source.carriers_tested, source.carriers_failed
     target.noise_excess = source.noise_excess
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (

@@ -12,7 +12,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.sensor_errors import accel_error_covariance, gyro_error_variance
-from insgnss.filter.state import BA, DR, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import Vector
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -97,15 +97,13 @@ def follow_velocity(m: StateRecord, P: Float64, dt: float) -> None:
 
 
 @kernel(inline=True)
-def follow_near_motion(m: StateRecord, par: Parameters, w: Float64, dv_e: Vector, dt: float) -> None:
-    """Carry on specific force and rate, averaged over as long as the IMU's tags are off; at least those of the sample.
+def follow_near_motion(m: StateRecord, w: Float64, dv_e: Vector, dt: float) -> None:
+    """Carry on specific force and rate, averaged over as long as the IMU's tags may be off; at least of the sample.
 
     Over that time the state goes to the time of a measurement, in one step. What a vehicle vibrates meanwhile
     averages out; the mean of a moment far shorter or longer would be that of another motion.
     """
-    share = 1.0
-    if par.at_imu_time >= 0:
-        share = dt / max(abs(m.optional[par.at_imu_time - OFFSETS]), dt)
+    share = dt / max(m.near_s, dt)
     for i in range(3):
         m.f_near[i] += (dv_e[i] / dt - m.f_near[i]) * share
         m.w_near[i] += (w[i] - m.w_near[i]) * share

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, velocity_changed
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import AntennaState
-from insgnss.filter.state import DR, DV, StateRecord
+from insgnss.filter.state import DR, DV, OFFSETS, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.vectors import Vector, cross, dot, place, plus, rotate, times
 from insgnss.kernels.jit import kernel
@@ -28,6 +30,7 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
     at = par.at_imu_time
     if at < 0:
         return
+    m.near_s = max(abs(m.optional[at - OFFSETS]), 2.0 * math.sqrt(max(P[at, at], 0.0)))
     x, y, z = m.v_e[0] - m.v_shown[0], m.v_e[1] - m.v_shown[1], m.v_e[2] - m.v_shown[2]
     change2 = x * x + y * y + z * z
     doubt = par.motion_gate2 * (P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2])
@@ -59,8 +62,8 @@ def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -
     place(a.shown_v_e, 0, plus(m.v_shown, a.turning_e))
     gravity, earth_rate = a.shown_a_e, (0.0, 0.0, WGS84_OMEGA_RADPS)
     normal_gravity_ecef(m.r_e, gravity)
-    turn = cross(plus(rotate(m.C_eb, m.w_smooth), times(earth_rate, -1.0)), m.v_e)
-    whole = plus(plus(gravity, times(cross(earth_rate, m.v_e), -2.0)), m.f_smooth)
+    turn = cross(plus(rotate(m.C_eb, m.w_near), times(earth_rate, -1.0)), m.v_e)
+    whole = plus(plus(gravity, times(cross(earth_rate, m.v_e), -2.0)), m.f_near)
     rest = plus(whole, times(turn, -1.0))
     along, turned = 1.0, 1.0
     if par.motion_gate2 > 0.0:
