@@ -81,8 +81,9 @@ def filter_at(t_s: float) -> Bank:
     m.r_e[:] = truth("position_e", t_s)
     set_attitude(m, truth("rotation_eb", t_s).as_matrix())
     m.v_e[:] = m.v_shown[:] = truth("velocity_e", t_s)
-    m.w_last[:] = m.w_smooth[:] = truth("angular_rate_b", t_s)
+    m.w_near[:] = m.w_last[:] = m.w_smooth[:] = truth("angular_rate_b", t_s)
     m.f_last[:] = truth("specific_force_b", t_s)
+    m.f_near[:] = m.C_eb @ m.f_last
     return bank
 
 
