@@ -106,7 +106,9 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
-        self._installation = LiveInstallation(setup.layout)
+        self._installation = LiveInstallation(
+            setup.layout, tags_declared=setup.config.process.imu_time_sigma_s is not None
+        )
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
         self._declared = LiveDeclaredSigmas(self._setup.own)
         self._protection = LiveProtection(self, self._setup) if integrity else None

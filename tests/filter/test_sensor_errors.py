@@ -43,7 +43,9 @@ EXACT_TAGS = {"process.imu_time_sigma_s": 0.0}
 
 def full_layout(grade: ImuGrade | None = None) -> Layout:
     """Return the layout with every error of a sensor as a state, behind one clock offset."""
-    wanted = StateInputs(filter_config("tight", EXACT_TAGS), ("G", "E"), False, grade or imu_grade("industrial"))
+    wanted = StateInputs(
+        filter_config("tight", EXACT_TAGS), ("G", "E"), False, grade or imu_grade("industrial")
+    )
     return layout_of(wanted)
 
 
