@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -79,9 +79,14 @@ def no_delay() -> Iterator[int]:
         yield 0
 
 
-def assert_same_bits(results: list[EpochResult], logs: FlightLogs, flight: Flight) -> None:
+def assert_same_bits(
+    results: list[EpochResult],
+    logs: FlightLogs,
+    flight: Flight,
+    settings: Mapping[str, float] | None = None,
+) -> None:
     """Hold every epoch of a stream against the replay of the same logs."""
-    setup = setup_filter(flight, logs, filter_config("tight17"))
+    setup = setup_filter(flight, logs, filter_config("tight17", settings))
     rows = setup.rows(logs.gnss, setup.navigation)
     out, _ = run_filter(setup, logs.imu, rows, "gnss")
     nav = out.nav[: out.counts[0].nav]

@@ -16,7 +16,7 @@ from insgnss.log.flight import FlightInMemory
 from insgnss.runs.installation import installation_findings
 from insgnss.runs.setup import setup_filter
 from tests.benchmarks.trust.flying import drawn
-from tests.benchmarks.trust.motions import scenario, straight
+from tests.benchmarks.trust.motions import CORNERS, TO_KNOWN, scenario, straight
 from tests.benchmarks.trust.rows import Row
 from tests.filter.test_engine import stream
 from tests.runs.scenes import flight, true_start, turns
@@ -25,8 +25,9 @@ from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_boun
 
 SIGMA_S = 0.02
 SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
+EXACT = {"process.imu_time_sigma_s": 0.0}
 # else the tags are suspected and the filter is set right, after many looks back
-PLAIN = {"health.recovery": False}
+PLAIN = {"health.recovery": False, **EXACT}
 
 
 @cache
@@ -78,6 +79,57 @@ def test_jet_with_20_ms_knows_them_to_a_fifth_of_a_millisecond() -> None:
     value, sigma = found(run)
     assert abs(value + 0.02) < 3.0 * sigma < 5e-4
     assert ratio(run, "roll_deg") < 1.5 < ratio(plain, "roll_deg")
+
+
+@cache
+def drive(seed: int) -> FlightInMemory:
+    """A car in town, at 6 to 14 m/s, with many corners."""
+    text = scenario("drive", *TO_KNOWN, *CORNERS, *CORNERS)
+    return drawn(Row("drive", "a car in town", text, (), "industrial", gnss_rate_hz=5.0), seed)[2]
+
+
+def heading_sigmas(run: insgnss.Run) -> float:
+    """Return by how many sigmas the heading is off at most, once it is known."""
+    assert run.errors is not None
+    known_s = run.events.loc[run.events["kind"] == "heading_single", "time_s"].iloc[0]
+    after = run.errors[run.errors["time_s"] > known_s + 5.0]
+    return float((after["d_yaw_deg"] / after["sd_yaw_deg"]).abs().max())
+
+
+@pytest.mark.parametrize("late_s", [0.02, 0.05, -0.05])
+def test_tags_by_arrival_do_not_turn_a_cars_heading(late_s: float) -> None:
+    """Nobody has declared anything of the tags: exact ones turn the heading in each corner, and no test sees it."""
+    flown = with_late_imu(drive(7), late_s)
+    run, exact = insgnss.replay(flown), insgnss.replay(flown, settings=PLAIN)
+    value, sigma = found(run)
+    assert abs(value + late_s) < 3.0 * sigma < 0.01
+    assert heading_sigmas(run) < 4.0 < 5.0 < heading_sigmas(exact)
+    told = run.events.loc[run.events["kind"] == "installation_known", "detail"]
+    assert len(told) == 1 and "imu_time_offset_s" in told.iloc[0]
+
+
+def test_tags_that_are_exact_are_not_news() -> None:
+    run = insgnss.replay(drive(8))
+    value, sigma = found(run)
+    assert abs(value) < 3.0 * sigma < 0.01
+    assert "installation_known" not in set(run.events["kind"])
+
+
+def shaken(flown: FlightInMemory, sigma_mps2: float) -> FlightInMemory:
+    """Return a flight whose accelerometers vibrate: the velocity of it stays within a sample's."""
+    imu = flown.logs.imu
+    speed = np.random.default_rng(5).standard_normal((len(imu.t_ns) + 1, 3))
+    f_b = imu.f_b + sigma_mps2 * np.diff(speed, axis=0) / np.sqrt(2.0)
+    return replace(flown, logs=replace(flown.logs, imu=replace(imu, f_b=f_b)))
+
+
+@pytest.mark.parametrize("late_s", [0.05, -0.05])
+def test_vibration_does_not_pass_for_the_motion_that_shows_the_offset(late_s: float) -> None:
+    """0.6 m/s^2 in a sample made 0.033 of 0.05 s, with a sigma of 0.0013."""
+    run = insgnss.replay(with_late_imu(shaken(drive(9), 0.6), late_s))
+    value, sigma = found(run)
+    assert abs(value + late_s) < 4.0 * sigma < 0.012
+    assert heading_sigmas(run) < 4.0
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.02])
@@ -140,7 +192,7 @@ def test_what_a_run_has_found_is_written_into_the_flight_file(tmp_path: Path) ->
 
 def test_run_without_doubts_has_found_nothing() -> None:
     flown = flight(turns(60.0), seed=5)
-    (finding,) = installation_findings(insgnss.replay(flown), flown.config)
+    (finding,) = installation_findings(insgnss.replay(flown, settings=EXACT), flown.config)
     assert finding.severity == "ok" and "process.imu_time_sigma_s" in finding.advice
 
 

@@ -6,11 +6,14 @@ The state goes back by s, as the mean of as long moves it: the rate as it change
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.filter.headings.motion import angular_acceleration
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.state import DR, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.state import DR, DV, OFFSETS, PSI, StateArray, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.vectors import place, plus, rotate, rotate_back, times
 from insgnss.inertial.mechanization import mechanize
@@ -61,3 +64,11 @@ def covariance_at_gps_time(m: StateRecord, par: Parameters, P: Float64) -> None:
     for i in range(3):
         for j in range(3):
             P[PSI + i, PSI + j] += d[i] * d[j]
+
+
+@kernel
+def covariances_at_gps_time(states: StateArray, parameters: npt.NDArray[Any], P: Float64) -> None:
+    """Carry covariances (m, q, q), each with its state of ``states`` (m,), to GPS time."""
+    par = parameters[0]
+    for k in range(P.shape[0]):
+        covariance_at_gps_time(states[k], par, P[k])

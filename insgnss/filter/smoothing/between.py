@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.output.gps_time import covariances_at_gps_time
 from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.state import (
@@ -82,11 +83,16 @@ def one_hypothesis(state: StateArray, P: Float64, head: StateArray) -> Bank:
 def filtered(
     bank: Bank, times_ns: Int64, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> Iterator[tuple[slice, Float64]]:
-    """Yield the covariances (m, q, q) of a bank of one hypothesis at times not before its own, some at a time."""
+    """Yield the covariances (m, q, q) of a bank of one hypothesis at times not before its own, some at a time.
+
+    They are those of its rows, at GPS time.
+    """
     carried = _with_unit_matrix(bank)
     for first in range(0, len(times_ns), _AT_ONCE):
         some = slice(first, min(first + _AT_ONCE, len(times_ns)))
-        yield some, _nodes(carried, times_ns[some], imu, parameters).P
+        nodes = _nodes(carried, times_ns[some], imu, parameters)
+        covariances_at_gps_time(nodes.state, parameters, nodes.P)
+        yield some, nodes.P
 
 
 def smoothed(

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from insgnss.filter.loop import newest_sample, run_to
 from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.gps_time import covariances_at_gps_time
 from insgnss.filter.output.writing import Output, mixture_covariance
 from insgnss.filter.own_update import OwnUpdate
 from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch
@@ -118,6 +119,8 @@ class RowCovariances:
         for at, t_ns in enumerate(times_ns):
             carry_bank(bank, newest_sample(bank.head[0], self.imu, t_ns), self.imu, par, scratch)
             mixture_covariance(bank, P[at])
+            lead = int(bank.head[0].leader)
+            covariances_at_gps_time(bank.state[lead : lead + 1], self._parameters, P[at : at + 1])
         return P
 
     def _write(self, rows: slice, P: Float64, out: Output) -> None:
