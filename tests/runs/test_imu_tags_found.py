@@ -1,4 +1,4 @@
-"""Inertial tags that are off though declared exact: found, their offset is a state then. Tags that change: found anew."""
+"""Inertial tags that are off though declared exact: found, and a state from then on. Tags that change: found anew."""
 
 from __future__ import annotations
 
