@@ -203,10 +203,8 @@ class Process(StrictModel):
     imu_time_sigma_s: NotNegative | None = Field(
         None,
         le=0.1,
-        description="sigma of the IMU's time offset, which is estimated; 0: the tags are exact; left out: 0.02 s with"
-        " raw GNSS data, as a logger that tags samples when they arrive is off by some 10 ms, and 20 ms turn the"
-        " heading of a car by 8 sigmas; 0 with position fixes alone, as their lag would look like an offset. Declare"
-        " an offset beyond 0.1 s with imu.time.offset_s, which insgnss check finds",
+        description="sigma of the IMU's time offset, which is estimated; 0: exact; left out: 0.02 s with raw GNSS data,"
+        " 0 with position fixes alone; declare a larger offset with imu.time.offset_s, which insgnss check finds",
     )
 
 

@@ -70,7 +70,7 @@ class InstallationEstimate(NamedTuple):
     value: float  # to be added to the number
     sigma: float
     declared_sigma: float
-    assumed: bool  # the sigma is the filter's own: nobody has asked for the number
+    assumed: bool  # the sigma is the filter's own, no setting
 
     @property
     def is_significant(self) -> bool:
@@ -115,7 +115,7 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
 
 
 def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: int) -> list[Event]:
-    """Return an event for each number of the installation whose error a run has determined, and that is to be told."""
+    """Return an event for each number of the installation whose error a run has determined and that is news."""
     return [
         Event(int(week_seconds_to_ns(week, estimate.time_s)), "installation_known", estimate.words())
         for estimate in installation_estimates(nav, settings)
