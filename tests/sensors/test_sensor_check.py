@@ -10,8 +10,10 @@ import pytest
 
 import insgnss
 from insgnss.config.library import find
+from insgnss.constants import NS_PER_S
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.sensor_findings import (
+    _common,
     _heading,
     _LocalTrack,
     _magnetometer,
@@ -23,6 +25,7 @@ from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.check import solve_track
 from insgnss.runs.simulate import Simulation, simulate
+from insgnss.tables import SensorTable
 from tests.sensors.scenes import declared, simulated
 
 SENSORS = """
@@ -207,6 +210,18 @@ def test_vertical_field_that_points_the_wrong_way_is_told_at_rest_too(moves: boo
         told = " ".join(finding.line() for finding in _magnetometer(config, track))
         assert ("the vertical field points" in told) == wrong
         assert ("its +x, +y, -z, which is left-handed" in told) == (wrong and moves)
+
+
+def test_readings_in_a_gap_of_the_satellites_are_not_compared() -> None:
+    t_s = np.concatenate((np.arange(0.0, 10.0, 0.5), np.arange(13.0, 23.0, 0.5)))
+    track = _LocalTrack(t_s, np.full((len(t_s), 3), 5.0), np.zeros((len(t_s), 3)))
+    at_ns = np.arange(0, 24 * NS_PER_S, NS_PER_S // 10)
+
+    common = _common(SensorTable(at_ns, np.ones((len(at_ns), 1))), track, 0)
+
+    assert common.t_s.min() == 0.0 and common.t_s.max() == 22.5
+    assert not ((common.t_s > 9.5) & (common.t_s < 13.0)).any()
+    assert len(common.t_s) == 96 + 96
 
 
 def test_check_of_a_flight_looks_at_its_sensors(

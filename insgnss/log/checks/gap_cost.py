@@ -21,7 +21,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.stretches import GNSS_GAP_STEPS
+from insgnss.log.checks.track import GNSS_GAP_STEPS
 from insgnss.log.imu.time import GAP_MIN_S, IMU_GAP_STEPS
 from insgnss.log.imu.windows import imu_windows
 from insgnss.tables import ImuTable, Int64

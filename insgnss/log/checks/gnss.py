@@ -16,7 +16,7 @@ from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.stretches import GNSS_GAP_STEPS
+from insgnss.log.checks.track import GNSS_GAP_STEPS
 from insgnss.log.gnss_rows import epochs, satellites_per_epoch
 from insgnss.status import USED
 from insgnss.tables import Bool, Float64, GnssTable, Int64, NavigationData

@@ -34,7 +34,7 @@ from insgnss.log.checks.time_offset import (
     SUSPECT_SIGMAS,
     RatesInTime,
 )
-from insgnss.log.checks.track import GnssTrack
+from insgnss.log.checks.track import GnssTrack, between_epochs
 from insgnss.tables import Float64, GnssTable
 
 # Short windows keep errors of the pseudoranges out that persist, long ones have more motion: all are tried
@@ -79,11 +79,19 @@ class KnownLag(NamedTuple):
         return replace(track, t_s=track.t_s - self.used_s, sd_time_s=sd_time_s, late_s=self.used_s)
 
     def at_epochs(self, track: GnssTrack) -> GnssTrack:
-        """Return the track with the velocities of its own times, linear between the epochs."""
+        """Return the track with the velocities of its own times, linear between the epochs.
+
+        An epoch is left out whose velocity comes after a gap of the log, or after its end.
+        """
         if self.used_s == 0.0 or len(track.t_s) < LEAST_EPOCHS:
             return track
         at_s = track.t_s + self.used_s
-        return replace(track, v_e=np.column_stack([np.interp(at_s, track.t_s, v) for v in track.v_e.T]))
+        v_e = np.column_stack([np.interp(at_s, track.t_s, v) for v in track.v_e.T])
+        known = between_epochs(track.t_s, at_s)
+        epochs = {
+            name: getattr(track, name)[known] for name in ("t_s", "r_e", "sd_v_mps", "clock_m", "drift_mps")
+        }
+        return replace(track, v_e=v_e[known], **epochs)
 
 
 def known_lag(gnss: GnssTable, rates: Float64, carriers_m: Float64 | None, declared_s: float) -> KnownLag:

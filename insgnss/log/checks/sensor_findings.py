@@ -25,7 +25,7 @@ from insgnss.log.checks.magnetic_field import (
     wrong_vertical,
 )
 from insgnss.log.checks.report import Finding, Severity, from_error, from_events
-from insgnss.log.checks.track import GnssTrack
+from insgnss.log.checks.track import GnssTrack, between_epochs
 from insgnss.log.csv.columns import FileColumns
 from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
@@ -128,10 +128,11 @@ def _at(gnss: _LocalTrack, t_s: Float64, of: Float64) -> Float64:
 
 
 def _common(table: SensorTable, gnss: _LocalTrack, origin_ns: int) -> _SampledTrack:
-    """Return the readings within two seconds of a GNSS epoch, and GNSS at their times."""
+    """Return the readings within two seconds of a GNSS epoch and in no gap, and GNSS at their times."""
     t_s = (table.t_ns - origin_ns) / NS_PER_S
     away = np.abs(gnss.t_s[nearest(gnss.t_s, t_s)] - t_s)
     good = np.isfinite(table.values[:, :2]).all(axis=1) & (away < 2.0)
+    good &= between_epochs(gnss.t_s, t_s)
     t_s = t_s[good]
     return _SampledTrack(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)
 
@@ -155,7 +156,11 @@ def _rate(config: Sensor, table: SensorTable) -> Finding:
 
 def _shift(common: _SampledTrack, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
     """Return the time offset that fits far better than none, in words: the correction of the tags."""
-    rms = [float(np.std(measured - of(common.t_s + shift))) for shift in _SHIFTS_S]
+    seen = np.all([between_epochs(common.gnss.t_s, common.t_s + shift) for shift in _SHIFTS_S], axis=0)
+    if seen.sum() < _LEAST_POINTS:
+        return []
+    measured, t_s = measured[seen], common.t_s[seen]
+    rms = [float(np.std(measured - of(t_s + shift))) for shift in _SHIFTS_S]
     best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
     if abs(_SHIFTS_S[best]) < _LEAST_SHIFT_S or rms[best] ** 2 > _SURE_SHIFT * none**2:
         return []

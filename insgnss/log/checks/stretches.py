@@ -18,7 +18,7 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.log.checks.track import GnssTrack
+from insgnss.log.checks.track import GAP_MIN_S, GNSS_GAP_STEPS, GnssTrack
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import S_PER_H
 
@@ -29,9 +29,7 @@ LONGEST_STRETCH_S: Final = 45.0
 MIN_SHARE: Final = 0.4
 STEP_S: Final = 0.05  # of the inertial path
 SPACING_S: Final = 0.2  # epochs nearer than this share their noise
-GNSS_GAP_STEPS: Final = 2.5
 IMU_GAP_S: Final = 0.3  # over a longer one the mean rate of the next sample does not hold
-GAP_MIN_S: Final = 1.2  # of two epochs whose difference is still used
 MIN_EPOCHS: Final = 8
 
 

@@ -20,6 +20,9 @@ FARTHEST_M: Final = 4.0e7
 VELOCITY_FLOOR_MPS: Final = 0.02  # no single epoch of range rates is better
 # Of all ranges together, in their sigmas: reflections make it 4, leap seconds 600 at least
 REFLECTED_SIGMAS: Final = 30.0
+# A longer step between epochs, in their median step and in seconds, is a gap
+GNSS_GAP_STEPS: Final = 2.5
+GAP_MIN_S: Final = 1.2
 POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second apart
 
 
@@ -42,6 +45,20 @@ class GnssTrack:
     # of every epoch of the log: chi-square of all its ranges, not finite without a common fit, and their redundancy
     range_chi2: Float64 = field(default_factory=lambda: np.zeros(0))
     range_freedom: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+def between_epochs(epoch_s: Float64, t_s: Float64) -> Bool:
+    """Return whether times lie between two neighbouring epochs without a gap between them: values may be interpolated.
+
+    A gap is as ``stretches`` counts it, from the median step.
+    """
+    steps = np.diff(epoch_s)
+    limit_s = max(GNSS_GAP_STEPS * float(np.median(steps)), GAP_MIN_S) if len(steps) else 0.0
+    after = np.searchsorted(epoch_s, t_s, side="left")
+    inside = (after > 0) & (after < len(epoch_s))
+    whole = np.zeros(len(t_s), bool)
+    whole[inside] = steps[after[inside] - 1] <= limit_s
+    return whole | np.isin(t_s, epoch_s)
 
 
 Solve = Callable[[GnssTable], GnssTrack | None]  # the track of a GNSS log, None where nothing can be solved

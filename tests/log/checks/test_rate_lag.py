@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.checks.rate_lag import RateLag, best_lag, known_lag, rate_lag
+from insgnss.log.checks.rate_lag import KnownLag, RateLag, best_lag, known_lag, rate_lag
 from insgnss.log.checks.report import CheckReport, Finding
 from insgnss.log.checks.time_offset import RatesInTime, Timing
+from insgnss.log.checks.track import GnssTrack
 from insgnss.runs.check import examine
 from insgnss.runs.simulate import simulate
 from insgnss.tables import Float64, GnssTable
@@ -139,6 +140,18 @@ def test_offset_may_be_a_lag_unless_the_ranges_rule_it_out(
     assert told == (None if lag_s is None else pytest.approx(lag_s))
     ahead = RatesInTime(0.0, rest_s, np.inf).lag_s(Timing(-0.2, 0.01, 0.0, 100.0))
     assert ahead is None, "rates do not run ahead of the motion"
+
+
+def test_velocities_of_late_rates_are_not_made_up_over_a_gap() -> None:
+    t_s = np.concatenate((np.arange(0.0, 10.0, 0.5), np.arange(60.0, 70.0, 0.5)))
+    ones = np.ones(len(t_s))
+    track = GnssTrack(t_s, ones[:, None] * 4e6, motion(t_s - 0.2)[1], 0.1 * ones, ones, ones, 0, 40, 40, 40)
+
+    moved = KnownLag(0.2, 0.0, None).at_epochs(track)
+
+    assert moved.t_s.tolist() == [t for t in t_s.tolist() if t not in (9.5, 69.5)]
+    np.testing.assert_allclose(moved.v_e, motion(moved.t_s)[1], atol=0.05)
+    assert len(moved.r_e) == len(moved.sd_v_mps) == len(moved.clock_m) == len(moved.drift_mps) == 38
 
 
 def simulated(folder: Path, scenario: str, seed: int) -> Log:
