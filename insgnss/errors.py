@@ -50,7 +50,8 @@ class InsGnssError(Exception):
         if self.column is not None:
             parts.append(f"column '{self.column}'")
         if self.key is not None:
-            parts.append(f"key '{self.key}'")
+            # the options of a command begin with a dash
+            parts.append(f"{'option' if self.key.startswith('-') else 'key'} '{self.key}'")
         if self.satellite is not None:
             parts.append(f"satellite {self.satellite}")
         return ", ".join(parts)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import Force, Pictures, check_files
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
+from insgnss.constants import S_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.results.saving import overwriting
 
@@ -30,10 +31,20 @@ def allan(
         typer.Option("--like", help="Library grade for the terms that a log at rest cannot show."),
     ] = None,
     first: Annotated[
-        float | None, typer.Option("--from", help="Start of the stationary part, seconds of the week.")
+        float | None,
+        typer.Option(
+            "--from",
+            callback=at_least(0.0, 2.0 * S_PER_WEEK),
+            help="Start of the stationary part, seconds of the week.",
+        ),
     ] = None,
     last: Annotated[
-        float | None, typer.Option("--to", help="End of the stationary part, seconds of the week.")
+        float | None,
+        typer.Option(
+            "--to",
+            callback=at_least(0.0, 2.0 * S_PER_WEEK),
+            help="End of the stationary part, seconds of the week.",
+        ),
     ] = None,
     gyro_unit: Annotated[
         str, typer.Option("--gyro-unit", help="Unit of a CSV log's gyros: rad/s, deg/s, rad, deg.")
@@ -50,7 +61,7 @@ def allan(
 ) -> None:
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [log], output):
+    with overwriting(force, [log], output):
         from insgnss.config.library import imu_grade
         from insgnss.runs.allan import FILES, STUDY_NAME, allan_study
 

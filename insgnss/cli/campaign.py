@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.option_values import names_in
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.errors import ResultError
@@ -54,15 +55,17 @@ def campaign(
 ) -> None:
     """Run or resume a campaign, write one Parquet file per task, and print a summary of all results."""
     began = time.perf_counter()
-    with own_errors_told():
-        from insgnss.studies.campaign.results import failures, summary, with_parameters
-        from insgnss.studies.campaign.study import load_campaign
+    from insgnss.studies.campaign.columns import require_columns
+    from insgnss.studies.campaign.results import failures, summary, with_parameters
+    from insgnss.studies.campaign.study import load_campaign
 
-        config = load_campaign(campaign)
-        done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
-        console = result_console(140)
-        table = with_parameters(summary(output, [name.strip() for name in by.split(",")]), config)
-        failed = failures(output)
+    config = load_campaign(campaign)
+    columns = names_in(by)
+    require_columns(config, output, columns)
+    done = _run(config, output, workers, scheduler, columns, retry_failed=retry_failed)
+    console = result_console(140)
+    table = with_parameters(summary(output, columns), config)
+    failed = failures(output)
     if as_json:
         answer: dict[str, Any] = {
             "runs": done.n_runs,
@@ -95,16 +98,32 @@ def _end(done: CampaignDone) -> None:
 
 
 def _run(
-    config: CampaignConfig, output: Path, workers: int | None, scheduler: str | None, *, retry_failed: bool
+    config: CampaignConfig,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    columns: Sequence[str],
+    *,
+    retry_failed: bool,
 ) -> CampaignDone:
-    """Run the campaign behind a progress bar."""
+    """Run the campaign behind a progress bar; refuse ``columns`` that its first results do not have.
+
+    Raises
+    ------
+    ConfigError : there is one
+    """
+    from insgnss.studies.campaign.columns import require_columns
     from insgnss.studies.campaign.study import run_campaign
     from insgnss.studies.campaign.tasks import TaskReport
 
     with counting() as bar:
         shown = bar.add_task(f"{config.name}: tasks", total=None)
 
+        known = False
+
         def tell(report: TaskReport, done: int, total: int) -> None:
+            nonlocal known
+            known = known or require_columns(config, output, columns)
             bar.update(shown, completed=done, total=total)
             if report.error:
                 bar.console.print(f"{report.key}: {report.error}", highlight=False, markup=False)

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
@@ -34,25 +33,24 @@ def check(
     ] = None,
 ) -> None:
     """Read all logs of a flight, compare them with each other, and propose corrections of the flight file."""
-    with own_errors_told():
-        # pandas and the compiled code are loaded only once the options are known to be right
-        from insgnss.log.checks import write_corrected
-        from insgnss.log.checks.corrected_file import check_new_file
-        from insgnss.log.flight import Flight
-        from insgnss.runs.check import examine
-        from insgnss.runs.installation import installation_findings
-        from insgnss.runs.result import Run
+    # pandas and the compiled code are loaded only once the options are known to be right
+    from insgnss.log.checks import write_corrected
+    from insgnss.log.checks.corrected_file import check_new_file
+    from insgnss.log.flight import Flight
+    from insgnss.runs.check import examine
+    from insgnss.runs.installation import installation_findings
+    from insgnss.runs.result import Run
 
-        began = time.perf_counter()
-        if write is not None:
-            check_new_file(write)
-        loaded = Flight.load(flight)
-        of_run = [] if run is None else installation_findings(Run.load(run), loaded.config)
-        with telling("reading and checking") as tell:
-            report = examine(loaded, tell)
-        report = replace(report, findings=(*report.findings, *of_run))
-        sure = report.sure_proposals
-        written = write_corrected(loaded, sure, write) if write and sure else None
+    began = time.perf_counter()
+    if write is not None:
+        check_new_file(write)
+    loaded = Flight.load(flight)
+    of_run = [] if run is None else installation_findings(Run.load(run), loaded.config)
+    with telling("reading and checking") as tell:
+        report = examine(loaded, tell)
+    report = replace(report, findings=(*report.findings, *of_run))
+    sure = report.sure_proposals
+    written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()
     took_s = time.perf_counter() - began - report.compile_s
     if as_json:

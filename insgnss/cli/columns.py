@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
-
 
 def columns(
     table: Annotated[
@@ -15,10 +13,9 @@ def columns(
     ] = None,
 ) -> None:
     """Print the names, units and meanings of the columns of all tables, or of one, as Markdown."""
-    with own_errors_told():
-        from insgnss.errors import ConfigError
-        from insgnss.runs.columns.page import SHEETS, columns_page, sheet_text
+    from insgnss.errors import ConfigError
+    from insgnss.runs.columns.page import SHEETS, columns_page, sheet_text
 
-        if table is not None and table not in SHEETS:
-            raise ConfigError(f"unknown table '{table}'", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")
-        typer.echo(columns_page() if table is None else sheet_text(SHEETS[table]), nl=False)
+    if table is not None and table not in SHEETS:
+        raise ConfigError(f"unknown table '{table}'", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")
+    typer.echo(columns_page() if table is None else sheet_text(SHEETS[table]), nl=False)

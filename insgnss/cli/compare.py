@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, run_files, tell_end
 from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import telling
@@ -34,7 +33,7 @@ def compare(
 ) -> None:
     """Compare runs of a flight: differences over time, statistics, sigmas side by side."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(*runs)):
+    with overwriting(force, run_files(*runs)):
         if len(runs) < 2:
             raise ConfigError("only one run is given", key="RUNS", advice="give two or more")
         if output is not None:

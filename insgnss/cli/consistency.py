@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import Force, Pictures, SavedRun, StudyFolder, check_files, run_files, tell_end
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
+from insgnss.constants import S_PER_WEEK
 from insgnss.results.saving import STUDY_KIND, overwriting
 
 if TYPE_CHECKING:
@@ -26,12 +27,14 @@ def consistency(
         float, typer.Option("--confidence", help="Probability that a consistent filter is within each bound.")
     ] = 0.99,
     lags: Annotated[
-        int, typer.Option("--lags", help="Number of lags of the autocorrelation, in epochs.")
+        int, typer.Option("--lags", min=1, help="Number of lags of the autocorrelation, in epochs.")
     ] = 20,
     start: Annotated[
         float | None,
         typer.Option(
-            "--from", help="Start time in seconds of the week; by default when the heading becomes known."
+            "--from",
+            callback=at_least(0.0, 2.0 * S_PER_WEEK),
+            help="Start time in seconds of the week; by default when the heading becomes known.",
         ),
     ] = None,
     pictures: Pictures = True,
@@ -40,7 +43,7 @@ def consistency(
 ) -> None:
     """Test innovations, errors and sigmas of a run against each other, and state the result in words."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(run), output):
+    with overwriting(force, run_files(run), output):
         from insgnss.studies.consistency.study import Consistency, consistency_study
 
         check_files(output, Consistency.files(), STUDY_KIND)

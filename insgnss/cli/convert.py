@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
@@ -76,7 +75,7 @@ def convert(
     from insgnss.log.convert import convert as convert_files
     from insgnss.log.receiver import LogDeclarations
 
-    with own_errors_told(), overwriting(force, inputs, output):
+    with overwriting(force, inputs, output):
         declared = LogDeclarations(
             None if date is None else date.date(), _scales(imu_scale), _topics(topic or []), _origin(rtcm)
         )

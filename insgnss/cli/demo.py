@@ -8,7 +8,6 @@ from typing import Annotated, Final
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.printing import AsJson
@@ -34,7 +33,7 @@ def demo(
     """Simulate a flight of 20 minutes, replay it against its truth, and write its report page."""
     began = time.perf_counter()
     give_back_what_is_freed()
-    with own_errors_told(), overwriting(force):
+    with overwriting(force):
         check_writable(output / FLIGHT_FOLDER)
         check_outputs(output, output / PAGE)
         with telling("simulating the sample flight") as tell:

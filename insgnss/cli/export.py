@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, SavedRun, run_files
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.results.saving import EXPORT_KIND, check_file_replaceable, overwriting
@@ -44,7 +43,7 @@ def export(
     Mean sea level is the geoid of EGM96.
     """
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(run)):
+    with overwriting(force, run_files(run)):
         check_file_replaceable(output, EXPORT_KIND)
         # pandas is loaded only when the command runs
         from insgnss.report.export import export_run

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
+from insgnss.constants import S_PER_WEEK
 from insgnss.results.saving import RECORDING_KIND, STUDY_KIND, check_file_replaceable, overwriting
 
 if TYPE_CHECKING:
@@ -25,12 +26,18 @@ def iq(
     scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     loss: Annotated[
         list[float] | None,
-        typer.Option("--loss", help="Loss in dB, subtracted from every C/N0; repeatable, one run for each."),
+        typer.Option(
+            "--loss",
+            callback=at_least(-100.0, 100.0),
+            help="Loss in dB, subtracted from every C/N0; repeatable, one run for each.",
+        ),
     ] = None,
     receiver: Annotated[
         list[str] | None, typer.Option("--receiver", "-r", help="'aided' or 'unaided'; both by default.")
     ] = None,
-    duration: Annotated[float, typer.Option("--duration", help="Seconds of the flight.")] = 60.0,
+    duration: Annotated[
+        float, typer.Option("--duration", callback=at_least(1e-3, S_PER_WEEK), help="Seconds of the flight.")
+    ] = 60.0,
     settings: Annotated[
         Path | None, typer.Option("--settings", help="Sampling, acquisition and loops (TOML).")
     ] = None,
@@ -39,7 +46,7 @@ def iq(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     threads: Annotated[
-        int, typer.Option("--threads", min=1, help="Number of receivers that run in parallel.")
+        int, typer.Option("--threads", min=1, max=1024, help="Number of receivers that run in parallel.")
     ] = 2,
     output: StudyFolder = None,
     pictures: Pictures = True,
@@ -49,7 +56,7 @@ def iq(
     """Make GPS L1 C/A samples of a flight; acquire, track and navigate with them, with and without aiding."""
     began = time.perf_counter()
     place = output if record is None else record.parent
-    with own_errors_told(), overwriting(force, [Path(scenario)], place):
+    with overwriting(force, [Path(scenario)], place):
         # the numerical libraries are loaded only when the command runs
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml

@@ -14,6 +14,7 @@ from insgnss.cli.allan import allan
 from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
 from insgnss.cli.columns import columns
+from insgnss.cli.command import OwnCommand
 from insgnss.cli.compare import compare
 from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
@@ -77,7 +78,7 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
 }
 for _command, _example in EXAMPLES.items():
     # on a line of its own, and short enough for a terminal of 80 columns
-    app.command(epilog=f"Example:\n\n{_example}")(_command)
+    app.command(cls=OwnCommand, epilog=f"Example:\n\n{_example}")(_command)
 
 
 def _show_version(wanted: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import (
     Force,
     FormatName,
@@ -23,6 +23,7 @@ from insgnss.cli.margin_flown import flown_study
 from insgnss.cli.option_values import refuse_given
 from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import counting
+from insgnss.constants import S_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.results.matplotlib_figure import save_figure
 from insgnss.results.saving import PICTURE_KIND, overwriting
@@ -68,6 +69,7 @@ def margin(
         float | None,
         typer.Option(
             "--threshold",
+            callback=at_least(1e-3, 1.0),
             help="Phase error (rms) over aperture at loss of lock, in place of table 1 of Shatilov (2009).",
         ),
     ] = None,
@@ -78,35 +80,52 @@ def margin(
         str, typer.Option("--imu", help="An IMU grade in the library, or a density in rad^2/s^3.")
     ] = "tactical",
     interval: Annotated[
-        float, typer.Option("--interval", help="Seconds between two corrections of the inertial system.")
+        float,
+        typer.Option(
+            "--interval",
+            callback=at_least(1e-6, S_PER_WEEK),
+            help="Seconds between two corrections of the inertial system.",
+        ),
     ] = 1.0,
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            "--bandwidth", help="Front end's bandwidth DF_c in Hz; by default the signal's main lobe."
+            "--bandwidth",
+            callback=at_least(1.0, 1e12),
+            help="Front end's bandwidth DF_c in Hz; by default the signal's main lobe.",
         ),
     ] = None,
     accumulation: Annotated[
         float | None,
         typer.Option(
-            "--accumulation", help="Coherent integration time in seconds; by default one data symbol."
+            "--accumulation",
+            callback=at_least(1e-6, 1e3),
+            help="Coherent integration time in seconds; by default one data symbol.",
         ),
     ] = None,
     cn0: Annotated[
         float | None,
-        typer.Option("--cn0", help="C/N0 without interference, in dBHz: includes thermal noise."),
+        typer.Option(
+            "--cn0",
+            callback=at_least(-30.0, 100.0),
+            help="C/N0 without interference, in dBHz: includes thermal noise.",
+        ),
     ] = None,
     acceleration: Annotated[
         float | None,
         typer.Option(
             "--acceleration",
+            callback=at_least(0.0, 1e5),
             help="Acceleration along the line of sight, one sigma in m/s^2, that a loop without INS must follow.",
         ),
     ] = None,
     lasting: Annotated[
         float,
         typer.Option(
-            "--acceleration-time", "--lasting", help="Correlation time of that acceleration, in seconds."
+            "--acceleration-time",
+            "--lasting",
+            callback=at_least(1e-6, S_PER_WEEK),
+            help="Correlation time of that acceleration, in seconds.",
         ),
     ] = 5.0,
     simulate: Annotated[
@@ -115,7 +134,12 @@ def margin(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")] = 1,
     output: StudyFolder = None,
     step: Annotated[
-        float, typer.Option("--step", help="Seconds between two epochs of the run; 0: all.")
+        float,
+        typer.Option(
+            "--step",
+            callback=at_least(0.0, S_PER_WEEK),
+            help="Seconds between two epochs of the run; 0: all.",
+        ),
     ] = 1.0,
     format: FormatName = "parquet",
     pictures: Pictures = True,
@@ -125,7 +149,7 @@ def margin(
     """Report the J/S that a phase loop withstands, and where along a run it loses lock."""
     began = time.perf_counter()
     inputs = [] if run is None or emitters is None else [*run_files(run), Path(emitters)]
-    with own_errors_told(), overwriting(force, inputs, output):
+    with overwriting(force, inputs, output):
         form = table_form(format)
         if run is None:
             refuse_given(context, ("step",), "without a run")
@@ -192,12 +216,6 @@ def _loops(
     named_signal = signal_named(signal)
     modulation = modulation_of(named_signal)
     band, period = bandwidth or modulation.null_to_null_hz, accumulation or modulation.symbol_s
-    if bandwidth == 0.0 or accumulation == 0.0:
-        raise ConfigError(
-            "bandwidth and accumulation time must be above zero",
-            key="--bandwidth",
-            advice="leave it out to use the value of the signal",
-        )
     asked = discriminator(kind, threshold)
     kinds = [asked, *(d for d in DISCRIMINATORS if d.name != asked.name)]
     return {d.name: PhaseLoop(d, band, period) for d in kinds}, named_signal.carrier_hz

@@ -8,7 +8,6 @@ from typing import Annotated, Final
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.errors import ConfigError, ResultError
 from insgnss.results.saving import check_writable
@@ -48,27 +47,26 @@ def models(
     as_json: AsJson = False,
 ) -> None:
     """List the models that files and options can name, print one of them, or copy it to change it."""
-    with own_errors_told():
-        from insgnss.config import library
+    from insgnss.config import library
 
-        kind = kind and _OTHER_NAMES.get(kind, kind)
-        if kind is not None and kind not in library.KINDS:
+    kind = kind and _OTHER_NAMES.get(kind, kind)
+    if kind is not None and kind not in library.KINDS:
+        raise ConfigError(
+            f"unknown kind of model '{kind}'",
+            key="KIND",
+            advice=f"give one of {', '.join(library.KINDS)}",
+        )
+    if kind is None or name is None:
+        if output is not None:
             raise ConfigError(
-                f"unknown kind of model '{kind}'",
-                key="KIND",
-                advice=f"give one of {', '.join(library.KINDS)}",
+                "a copy needs the kind and name of one model",
+                key="--output",
+                advice="as in: insgnss models imus tactical --output my/",
             )
-        if kind is None or name is None:
-            if output is not None:
-                raise ConfigError(
-                    "a copy needs the kind and name of one model",
-                    key="--output",
-                    advice="as in: insgnss models imus tactical --output my/",
-                )
-            _list(list(library.KINDS) if kind is None else [kind], as_json=as_json)
-            return
-        source = library.find(kind, name)
-        written = None if output is None else _copied(source, output)
+        _list(list(library.KINDS) if kind is None else [kind], as_json=as_json)
+        return
+    source = library.find(kind, name)
+    written = None if output is None else _copied(source, output)
     if as_json:
         print_json({"kind": kind, "name": name, "file": source, "wrote": written})
     elif written is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container
 
 import typer
@@ -19,14 +20,19 @@ def numbers_in(text: str, key: str) -> list[float]:
 
     Raises
     ------
-    ConfigError : one of them is not a number; ``key`` is the option
+    ConfigError : one of them is not a finite number; ``key`` is the option
     """
+    numbers = [_number_or_nan(name) for name in names_in(text)]
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"'{text}' is not a list of numbers", key=key, advice="write them as in 45,40,35")
+    return numbers
+
+
+def _number_or_nan(text: str) -> float:
     try:
-        return [float(name) for name in names_in(text)]
+        return float(text)
     except ValueError:
-        raise ConfigError(
-            f"'{text}' is not a list of numbers", key=key, advice="write them as in 45,40,35"
-        ) from None
+        return math.nan
 
 
 def refuse_given(context: typer.Context, names: Container[str], when: str) -> None:

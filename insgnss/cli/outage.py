@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import FlightFile, Force, Pictures, StudyFolder, check_files, tell_end
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.option_values import names_in, refuse_given
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
+from insgnss.constants import S_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.results.saving import STUDY_KIND, overwriting
 
@@ -34,16 +35,30 @@ def outage(
     ] = None,
     every: Annotated[
         float | None,
-        typer.Option("--every", help="Seconds from the start of one window to the start of the next."),
+        typer.Option(
+            "--every",
+            callback=at_least(1e-3, S_PER_WEEK),
+            help="Seconds from the start of one window to the start of the next.",
+        ),
     ] = None,
     random: Annotated[
-        int | None, typer.Option("--random", help="Number of random windows, not overlapping.")
+        int | None, typer.Option("--random", min=1, help="Number of random windows, not overlapping.")
     ] = None,
     bank: Annotated[
-        float | None, typer.Option("--bank", help="Windows where the bank angle exceeds this many degrees.")
+        float | None,
+        typer.Option(
+            "--bank",
+            callback=at_least(0.0, 180.0),
+            help="Windows where the bank angle exceeds this many degrees.",
+        ),
     ] = None,
     length: Annotated[
-        float, typer.Option("--length", help="Length of a window in seconds, with --every and --random.")
+        float,
+        typer.Option(
+            "--length",
+            callback=at_least(1e-3, S_PER_WEEK),
+            help="Length of a window in seconds, with --every and --random.",
+        ),
     ] = 30.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random windows.")] = 1,
     satellites: Annotated[
@@ -59,9 +74,17 @@ def outage(
             help="Remove only these kinds: pseudorange, range_rate, carrier_difference, attitude_difference.",
         ),
     ] = "",
-    after: Annotated[float, typer.Option("--after", help="Seconds evaluated after each window.")] = 60.0,
+    after: Annotated[
+        float,
+        typer.Option(
+            "--after", callback=at_least(0.0, S_PER_WEEK), help="Seconds evaluated after each window."
+        ),
+    ] = 60.0,
     rate: Annotated[
-        float, typer.Option("--rate", help="Rate in Hz at which the solutions are compared.")
+        float,
+        typer.Option(
+            "--rate", callback=at_least(1e-5, 1e5), help="Rate in Hz at which the solutions are compared."
+        ),
     ] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
@@ -72,7 +95,7 @@ def outage(
 ) -> None:
     """Remove measurements in windows, replay, and report drift, predicted sigma and recovery time."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [flight], output):
+    with overwriting(force, [flight], output):
         windows = _windows(window, every, random, bank, length, seed)
         if random is None and every is None:
             refuse_given(context, ("length", "seed"), "without --every or --random")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import (
     FlightFile,
     Force,
@@ -52,7 +51,7 @@ def point(
 ) -> None:
     """Solve each GNSS epoch independently: position, velocity, clocks, DOP, residuals, fault exclusion."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force):
+    with overwriting(force):
         form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import Force, Pictures, StudyFolder, check_files, tell_end
 from insgnss.cli.option_values import names_in, numbers_in, refuse_given
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import counting
+from insgnss.constants import S_PER_WEEK
 from insgnss.results.saving import STUDY_KIND, overwriting
 
 if TYPE_CHECKING:
@@ -49,38 +50,59 @@ def receiver(
         str | None,
         typer.Option("--emitters", "-e", help="Fly past these: a name in models/emitters, or a file (TOML)."),
     ] = None,
-    runs: Annotated[int, typer.Option("--runs", help="Runs of each receiver at each C/N0.")] = 20,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="Runs of each receiver at each C/N0.")] = 20,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     duration: Annotated[
         float | None,
         typer.Option(
             "--duration",
+            callback=at_least(0.1, S_PER_WEEK),
             help="Length of a run in seconds. Default: until 40 s after averaging begins, or less; with --emitters the "
             "whole motion.",
         ),
     ] = None,
     settle: Annotated[
         float,
-        typer.Option("--settle", help="Time in the run, in seconds, at which the C/N0 falls to its value."),
+        typer.Option(
+            "--settle",
+            callback=at_least(0.0, S_PER_WEEK),
+            help="Time in the run, in seconds, at which the C/N0 falls to its value.",
+        ),
     ] = 40.0,
     average_from: Annotated[
         float | None,
         typer.Option(
             "--average-from",
+            callback=at_least(0.0, S_PER_WEEK),
             help="Time in the run, in seconds, from which errors are averaged. Default: when the predicted errors of "
             "the slowest receiver have settled at the lowest C/N0, at most 120 s after the fall.",
         ),
     ] = None,
-    step: Annotated[float, typer.Option("--step", help="Integration time in seconds.")] = 5e-3,
+    step: Annotated[
+        float, typer.Option("--step", callback=at_least(1e-6, 10.0), help="Integration time in seconds.")
+    ] = 5e-3,
     interval: Annotated[
-        float, typer.Option("--interval", help="Seconds between two updates of a second stage.")
+        float,
+        typer.Option(
+            "--interval", callback=at_least(1e-6, 1e3), help="Seconds between two updates of a second stage."
+        ),
     ] = 0.1,
     latency: Annotated[
-        float, typer.Option("--latency", help="Delay in seconds before an inertial sample is available.")
+        float,
+        typer.Option(
+            "--latency",
+            callback=at_least(0.0, 1e3),
+            help="Delay in seconds before an inertial sample is available.",
+        ),
     ] = 0.0,
     least: Annotated[
         float | None,
-        typer.Option("--min-cn0", "--least", help="C/N0 in dBHz below which a channel is not used."),
+        typer.Option(
+            "--min-cn0",
+            "--least",
+            callback=at_least(-30.0, 100.0),
+            help="C/N0 in dBHz below which a channel is not used.",
+        ),
     ] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="Let the receiver estimate its C/N0.")] = False,
     antenna: Annotated[
@@ -92,7 +114,10 @@ def receiver(
     assumed_cn0: Annotated[
         float | None,
         typer.Option(
-            "--assumed-cn0", "--told", help="C/N0 in dBHz that the receiver assumes, whatever the true value."
+            "--assumed-cn0",
+            "--told",
+            callback=at_least(-30.0, 100.0),
+            help="C/N0 in dBHz that the receiver assumes, whatever the true value.",
         ),
     ] = None,
     masking: Annotated[
@@ -108,7 +133,7 @@ def receiver(
 ) -> None:
     """Fly receivers through a manoeuvre in closed loops; report errors, thresholds and loss of lock."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [], output):
+    with overwriting(force, [], output):
         if emitters is not None:
             refuse_given(context, ("cn0",), "with --emitters: they determine the C/N0")
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import (
     FlightFile,
     Force,
@@ -64,7 +64,9 @@ def replay(
     aiding: Annotated[
         float | None,
         typer.Option(
-            "--aiding", help="Also predict Doppler and code for the tracking loops, at this rate in Hz."
+            "--aiding",
+            callback=at_least(0.01, 1e5),
+            help="Also predict Doppler and code for the tracking loops, at this rate in Hz.",
         ),
     ] = None,
     format: FormatName = "parquet",
@@ -73,7 +75,7 @@ def replay(
     as_json: AsJson = False,
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
-    with own_errors_told(), overwriting(force):
+    with overwriting(force):
         outputs = output, report, table_form(format)
         asked = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
         asked |= {"aiding": aiding, "supervise": supervise, "integrity": integrity}

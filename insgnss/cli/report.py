@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import Force, SavedRun, run_files
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
@@ -34,7 +33,7 @@ def report(
     """Write the report page of a run: summary, map, errors, satellites, innovations, events, settings."""
     began = time.perf_counter()
     place = run / "report.html" if output is None else output
-    with own_errors_told(), overwriting(force, run_files(run)):
+    with overwriting(force, run_files(run)):
         # a file in place of the run is a wrong run, not a place that cannot be written
         if output is not None or not run.is_file():
             check_file_replaceable(place, PAGE_KIND)

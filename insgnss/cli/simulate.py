@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import Force
 from insgnss.cli.printing import AsJson, print_json
 from insgnss.cli.progress import telling
+from insgnss.constants import S_PER_WEEK
 from insgnss.results.saving import overwriting
 
 
@@ -24,14 +25,17 @@ def simulate(
     ] = 1,
     clean: Annotated[bool, typer.Option("--clean", help="No noise, no sensor errors; faults stay.")] = False,
     duration: Annotated[
-        float | None, typer.Option("--duration", help="Simulate only this many seconds.")
+        float | None,
+        typer.Option(
+            "--duration", callback=at_least(1e-3, S_PER_WEEK), help="Simulate only this many seconds."
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a flight: IMU and GNSS CSV, RINEX navigation, the true trajectory and a flight file to replay them."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, [Path(scenario)], output):
+    with overwriting(force, [Path(scenario)], output):
         # NumPy and SciPy are loaded only when there is something to simulate
         from insgnss.runs.simulate import check_output
         from insgnss.runs.simulate import simulate as simulated

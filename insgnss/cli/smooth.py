@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from insgnss.cli.command_errors import own_errors_told
 from insgnss.cli.file_options import FlightFile, Force, FormatName, RunFolder, RunPage, table_form
 from insgnss.cli.filter_options import FilterName, Integrity, Settings, chosen_filter
 from insgnss.cli.printing import AsJson
@@ -31,7 +30,7 @@ def smooth(
 
     By default there is one row per GNSS epoch, and so none inside an outage: ask for others with --rate or --times.
     """
-    with own_errors_told(), overwriting(force):
+    with overwriting(force):
         outputs = output, report, table_form(format)
         asked = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
         asked |= {"smooth": True, "integrity": integrity}

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
+from insgnss.cli.command_errors import argument_of
 from insgnss.cli.printing import AsJson, print_json, result_console, text_table
 from insgnss.cli.progress import counting
 from insgnss.constants import C_MPS
@@ -35,59 +36,70 @@ def track(
     code_bandwidth: Annotated[
         float, typer.Option("--code-bandwidth", help="Carrier-aided code loop's bandwidth in Hz.")
     ] = 1.0,
-    integration: Annotated[float, typer.Option("--integration", help="Integration time in ms.")] = 1.0,
+    integration: Annotated[
+        float, typer.Option("--integration", callback=at_least(0.01, 1e3), help="Integration time in ms.")
+    ] = 1.0,
     discriminator: Annotated[
         str, typer.Option("--discriminator", "-d", help="Phase discriminator: atan, iq, sign, q, atan2.")
     ] = "atan",
     spacing: Annotated[float, typer.Option("--spacing", help="Early-to-late spacing, in chips.")] = 1.0,
     acceleration: Annotated[
-        float, typer.Option("--acceleration", help="Along the line of sight, m/s^2.")
+        float,
+        typer.Option("--acceleration", callback=at_least(-1e5, 1e5), help="Along the line of sight, m/s^2."),
     ] = 0.0,
-    jerk: Annotated[float, typer.Option("--jerk", help="Along the line of sight, m/s^3.")] = 0.0,
-    wander: Annotated[float, typer.Option("--wander", help=_WANDER)] = 0.0,
+    jerk: Annotated[
+        float, typer.Option("--jerk", callback=at_least(-1e6, 1e6), help="Along the line of sight, m/s^3.")
+    ] = 0.0,
+    wander: Annotated[float, typer.Option("--wander", callback=at_least(0.0, 1e6), help=_WANDER)] = 0.0,
     aided: Annotated[
         bool, typer.Option("--aided", help="Remove the motion, as perfect inertial aiding would.")
     ] = False,
-    seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
+    seconds: Annotated[
+        float, typer.Option("--time", callback=at_least(1e-6), help="Simulated seconds of each channel.")
+    ] = 20.0,
     channels: Annotated[
-        int, typer.Option("--channels", "-n", help="Number of channels, each with its own noise.")
+        int,
+        typer.Option(
+            "--channels", "-n", min=1, max=10_000, help="Number of channels, each with its own noise."
+        ),
     ] = 12,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of all noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all noise.")] = 1,
     threads: Annotated[
-        int, typer.Option("--threads", help="Number of threads; it does not change the results.")
+        int,
+        typer.Option("--threads", min=1, max=1024, help="Number of threads; it does not change the results."),
     ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate tracking loops: rms errors, lock, and the C/N0 that the receiver would report."""
     began = time.perf_counter()
-    with own_errors_told():
-        # the numerical libraries are loaded only when the command runs
-        from insgnss.gnss.signals import G1_HZ, L1_HZ
-        from insgnss.tracking.codes import code_of
-        from insgnss.tracking.loop_filters import assisted_filter, digital_filter
-        from insgnss.tracking.trial import CarrierDynamics, design_channels, simulation_of
+    # the numerical libraries are loaded only when the command runs
+    from insgnss.gnss.signals import G1_HZ, L1_HZ
+    from insgnss.tracking.codes import code_of
+    from insgnss.tracking.loop_filters import assisted_filter, digital_filter
+    from insgnss.tracking.trial import CarrierDynamics, design_channels, simulation_of
 
-        code, step_s = code_of(signal), integration * 1e-3
-        carrier_hz = G1_HZ if signal == "glonass-st" else L1_HZ
-        if not (math.isfinite(seconds) and 0.0 < step_s <= seconds) or not 1 <= channels <= 10_000:
-            advice = "simulate at least one integration, in 1 to 10000 channels"
-            raise ConfigError(
-                f"cannot simulate {seconds:g} s in {channels} channels", key="--time", advice=advice
-            )
-        if seconds / step_s * channels > _MOST_INTEGRATIONS:
-            advice = f"simulate {_MOST_INTEGRATIONS * step_s / channels:.4g} s at most, or fewer channels"
-            raise ConfigError(
-                f"{seconds:g} s in {channels} channels need too much memory", key="--time", advice=advice
-            )
-        loop = assisted_filter(order, bandwidth, frequency_bandwidth, step_s)
-        design = design_channels(
-            code, carrier_hz, cn0, loop, digital_filter(1, code_bandwidth, step_s), discriminator, spacing
+    code, step_s = code_of(signal), integration * 1e-3
+    carrier_hz = G1_HZ if signal == "glonass-st" else L1_HZ
+    if not step_s <= seconds:
+        raise ConfigError(
+            f"{seconds:g} s are less than one integration of {integration:g} ms",
+            key="--time",
+            advice="simulate at least one integration",
         )
-        motion = CarrierDynamics(acceleration, jerk, wander)
-        simulation = simulation_of(design, code, carrier_hz, motion, seconds, channels, seed, aided)
-        with counting() as bar:
-            task = bar.add_task("tracking", total=simulation.scene.sign.size)
-            history = simulation.run(seed, threads, lambda done: bar.advance(task, done))
+    if seconds / step_s * channels > _MOST_INTEGRATIONS:
+        advice = f"simulate {_MOST_INTEGRATIONS * step_s / channels:.4g} s at most, or fewer channels"
+        raise ConfigError(
+            f"{seconds:g} s in {channels} channels need too much memory", key="--time", advice=advice
+        )
+    loop = assisted_filter(order, bandwidth, frequency_bandwidth, step_s)
+    with argument_of("--code-bandwidth", "bandwidth_hz"):
+        code_loop = digital_filter(1, code_bandwidth, step_s)
+    design = design_channels(code, carrier_hz, cn0, loop, code_loop, discriminator, spacing)
+    motion = CarrierDynamics(acceleration, jerk, wander)
+    simulation = simulation_of(design, code, carrier_hz, motion, seconds, channels, seed, aided)
+    with counting() as bar:
+        task = bar.add_task("tracking", total=simulation.scene.sign.size)
+        history = simulation.run(seed, threads, lambda done: bar.advance(task, done))
     if as_json:
         print_json(_digest(simulation, history, cn0, code.rate_hz))
         return

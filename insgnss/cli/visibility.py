@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insgnss.cli.command_errors import own_errors_told
+from insgnss.cli.command import at_least
 from insgnss.cli.file_options import (
     Force,
     FormatName,
@@ -23,7 +22,7 @@ from insgnss.cli.file_options import (
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.printing import AsJson, print_json, records, result_console, text_table
 from insgnss.cli.progress import telling
-from insgnss.errors import ConfigError
+from insgnss.constants import S_PER_WEEK
 from insgnss.results.saving import PICTURE_KIND, overwriting
 
 if TYPE_CHECKING:
@@ -49,11 +48,17 @@ def visibility(
         float | None,
         typer.Option(
             "--threshold",
+            callback=at_least(-200.0, 100.0),
             help="Least gain in dBic at which a satellite is visible, in place of the filter's.",
         ),
     ] = None,
     step: Annotated[
-        float, typer.Option("--step", help="Seconds between two evaluated attitudes; 0: all.")
+        float,
+        typer.Option(
+            "--step",
+            callback=at_least(0.0, S_PER_WEEK),
+            help="Seconds between two evaluated attitudes; 0: all.",
+        ),
     ] = 1.0,
     format: FormatName = "parquet",
     pictures: Pictures = True,
@@ -62,13 +67,8 @@ def visibility(
 ) -> None:
     """Report which satellites the antennas and the airframe hid, when, and how much DOP degraded."""
     began = time.perf_counter()
-    with own_errors_told(), overwriting(force, run_files(source), output):
+    with overwriting(force, run_files(source), output):
         form = table_form(format)
-        if not step >= 0.0:
-            raise ConfigError(f"invalid step {step}", key="--step", advice="give seconds, 0 for every row")
-        if threshold is not None and not math.isfinite(threshold):
-            advice = "give a gain in dBic, such as -5"
-            raise ConfigError(f"invalid gain {threshold}", key="--threshold", advice=advice)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
         from insgnss.runs.visibility.figures import PICTURES, save_figures

@@ -60,6 +60,7 @@ EXPORT_KIND: Final = "export"
 RECORDING_KIND: Final = "recording"
 STUDY_KIND: Final = "study"
 RUN_KIND: Final = "run"
+CAMPAIGN_KIND: Final = "campaign"
 
 _NOTHING_SPECIAL: Final = _Permission()
 _NO_SAVES: Final[Mapping[str, _Save]] = MappingProxyType({})

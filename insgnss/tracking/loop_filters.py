@@ -244,7 +244,11 @@ def assisted_filter(
         raise ConfigError(
             "order 1 has no rate that could be assisted", key="order", advice="take order 2 or 3"
         )
-    assisting = digital_filter(order - 1, frequency_bandwidth_hz, step_s)
+    try:
+        assisting = digital_filter(order - 1, frequency_bandwidth_hz, step_s)
+    except ConfigError as error:
+        error.key = "frequency_bandwidth_hz"
+        raise
     assisted = LoopFilter(loop.gains, np.array([0.0, *assisting.gains]), step_s)
     if not assisted.is_stable():
         advice = "take a smaller bandwidth of one of them, or a shorter integration"

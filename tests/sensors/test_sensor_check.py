@@ -217,7 +217,7 @@ def test_readings_in_a_gap_of_the_satellites_are_not_compared() -> None:
     track = _LocalTrack(t_s, np.full((len(t_s), 3), 5.0), np.zeros((len(t_s), 3)))
     at_ns = np.arange(0, 24 * NS_PER_S, NS_PER_S // 10)
 
-    common = _common(SensorTable(at_ns, np.ones((len(at_ns), 1))), track, 0)
+    common = _common(SensorTable("barometer", at_ns, *np.ones((2, len(at_ns), 1))), track, 0)
 
     assert common.t_s.min() == 0.0 and common.t_s.max() == 22.5
     assert not ((common.t_s > 9.5) & (common.t_s < 13.0)).any()

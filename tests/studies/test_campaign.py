@@ -22,9 +22,11 @@ from insgnss.cli.main import app
 from insgnss.config.library import find
 from insgnss.errors import ConfigError, ResultError
 from insgnss.studies.campaign import task_runners
+from insgnss.studies.campaign.columns import COLUMNS
 from insgnss.studies.campaign.results import Sums, data_set, failures, summary
 from insgnss.studies.campaign.study import CampaignConfig, load_campaign, prepare, run_campaign, tasks_of
-from insgnss.studies.campaign.tasks import RESULTS
+from insgnss.studies.campaign.tasks import KEY_COLUMNS, RESULTS
+from tests.small_run import small_run
 
 ROOT = Path(__file__).resolve().parents[2]
 SLEEPY = "tests.studies.sleepy_case:sleepy"
@@ -43,6 +45,11 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def table(folder: Path) -> pd.DataFrame:
     return data_set(folder).to_table().to_pandas()
+
+
+def own_columns(results: pd.DataFrame) -> set[str]:
+    """Return the columns of the rows that a case function returned."""
+    return {name for name in results.columns if name not in KEY_COLUMNS and not str(name).startswith("case_")}
 
 
 def test_campaign_in_this_process_gives_a_row_for_each_case_seed_and_row_of_the_case(tmp_path: Path) -> None:
@@ -86,6 +93,41 @@ def test_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
     run_campaign(campaign(), tmp_path, workers=0)
     with pytest.raises(ResultError, match="another campaign"):
         run_campaign(campaign(seeds=7), tmp_path, workers=0)
+
+
+@pytest.mark.parametrize("by", ["wrong", "case,wrong", "case,case", ","])
+def test_wrong_column_is_refused_before_the_runs(tmp_path: Path, by: str) -> None:
+    out = tmp_path / "out"
+
+    told = CliRunner().invoke(app, ["campaign", "imu_grades", "-o", str(out), "--workers", "0", "--by", by])
+
+    assert told.exit_code == 2 and "option '--by'" in told.stderr
+    assert not out.exists()
+
+
+def test_wrong_column_of_an_own_case_function_is_refused_after_its_first_task(tmp_path: Path) -> None:
+    file, out = tmp_path / "own.toml", tmp_path / "out"
+    file.write_text(f'name = "own"\ncase = "{SLEEPY}"\nseeds = 6\nseeds_per_task = 2\n')
+    arguments = ["campaign", str(file), "-o", str(out), "--workers", "0", "--by"]
+
+    told = CliRunner().invoke(app, [*arguments, "wrong"])
+    assert told.exit_code == 2 and "option '--by'" in told.stderr and "value" in told.stderr
+    assert len(files(out)) == 1
+
+    told = CliRunner().invoke(app, [*arguments, "k"])
+    assert told.exit_code == 0 and len(files(out)) == 3
+
+
+def test_campaign_takes_no_folder_of_another_result(tmp_path: Path) -> None:
+    run = small_run().save(tmp_path / "run")
+    (tmp_path / "mine" / RESULTS).mkdir(parents=True)
+    (tmp_path / "mine" / RESULTS / "notes.txt").write_text("mine")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    for folder in (run, tmp_path / "mine"):
+        told = CliRunner().invoke(app, ["campaign", "imu_grades", "-o", str(folder), "--workers", "0"])
+        assert told.exit_code == 5 and "--output" in told.stderr
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 def command(file: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
@@ -252,6 +294,7 @@ def test_matched_flights_give_a_row_for_each_epoch_looked_at(tmp_path: Path) -> 
     found = table(tmp_path)
     assert len(found) == 2 * 4 * 6
     assert (found["nees_whole"] > 1.0).all()
+    assert set(COLUMNS["matched"]) == own_columns(found)
 
 
 def test_outage_of_a_worse_imu_drifts_more(tmp_path: Path) -> None:
@@ -262,6 +305,7 @@ def test_outage_of_a_worse_imu_drifts_more(tmp_path: Path) -> None:
     run_campaign(config, tmp_path, workers=0)
     found = table(tmp_path)
     assert failures(tmp_path).empty
+    assert set(COLUMNS["outage"]) == own_columns(found)
     rms = found.groupby("case_imu")[["end_m", "sd_end_m", "error_end_m"]].agg(
         lambda e: np.sqrt(np.mean(e**2))
     )
@@ -288,6 +332,7 @@ def test_command_prints_a_summary_of_the_masking_study(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     found = table(tmp_path / "out")
     assert list(found["way"]) == ["a", "b", "c", "d"]
+    assert set(COLUMNS["masking"]) == own_columns(found)
     assert "rms_during_m" in result.output
 
 

@@ -12,6 +12,7 @@ from scipy import stats
 
 from insgnss.errors import ConfigError
 from insgnss.studies.campaign.cases import receiver
+from insgnss.studies.campaign.columns import COLUMNS
 from insgnss.studies.campaign.results import data_set
 from insgnss.studies.campaign.study import run_campaign
 from insgnss.studies.receiver.comparison import receiver_study
@@ -157,6 +158,13 @@ def test_campaign_of_receivers_gives_the_runs_of_the_study(tmp_path: Path) -> No
     runs = run_many(of, VARIANTS["one_stage"], np.float64(45.0), 1, 4, 1)
 
     assert (done.n_runs, done.n_failed) == (8, 0)
+    own = (
+        *COLUMNS["receiver"],
+        "case",
+        "error",
+        *(f"case_{n}" for n in ("oscillator", "duration_s", "settle_s", "average_s")),
+    )
+    assert set(table.columns) == set(own)
     assert (table["lost"] == [0.0, 0.0, 1.0, 1.0] * 2).all()
     assert np.isfinite(table["lost_s"]).to_list() == [False, False, True, True] * 2
     row = table.loc[("tactical", 45.0, 4)]

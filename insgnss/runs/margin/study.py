@@ -19,6 +19,7 @@ then, while the aiding's own error stays.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -114,7 +115,7 @@ def flown_margin(
         if isinstance(emitters, InterferenceConfig)
         else load_toml(Path(emitters), InterferenceConfig)
     )
-    if not step_s >= 0.0:
+    if not (math.isfinite(step_s) and step_s >= 0.0):
         raise ConfigError(f"invalid step {step_s}", key="step_s", advice="give seconds, 0 for every epoch")
     path, rows = flown_path(run, step_s, config.dynamics.window_s)
     events: list[tuple[float, str, str]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +67,14 @@ def visibility_of(
 
 
 def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: float) -> Sources:
-    """Return attitude, sky and antennas, and the events of the files."""
+    """Return attitude, sky and antennas, and the events of the files.
+
+    Raises
+    ------
+    InsGnssError : a file cannot be used; ConfigError for a step that is none
+    """
+    if not (math.isfinite(step_s) and step_s >= 0.0):
+        raise ConfigError(f"invalid step {step_s}", key="step_s", advice="give seconds, 0 for every row")
     config = flight.config
     antennas, events = installation(
         _antennas(flight, pattern), flight.path.absolute().parent, config.gnss.lever_b

@@ -33,7 +33,8 @@ from pydantic import Field
 from insgnss.config.library import file_of
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
-from insgnss.results.saving import write_file
+from insgnss.results.record import entries_in
+from insgnss.results.saving import CAMPAIGN_KIND, check_writable, write_file
 from insgnss.results.shown import ResultDisplay
 from insgnss.studies.campaign import task_runners
 from insgnss.studies.campaign.cases import require_used
@@ -148,11 +149,12 @@ def prepare(
             advice="give another --output",
         ) from error
     stamp = _stamp(config)
+    _require_own_folder(path)
     try:
         (path / RESULTS).mkdir(parents=True, exist_ok=True)
         settings_file = path / CAMPAIGN_FILE
         if not settings_file.exists():
-            write_file(settings_file, json.dumps(stamp, indent=1).encode(), "campaign")
+            write_file(settings_file, json.dumps(stamp, indent=1).encode(), CAMPAIGN_KIND)
         elif _hash_in(settings_file) != stamp["hash"]:
             raise ResultError(
                 "the folder holds the results of another campaign",
@@ -164,6 +166,23 @@ def prepare(
         raise ResultError(f"cannot be written: {error.strerror}", file=path, advice=advice) from error
     tasks = tasks_of(config, path)
     return path, [task for task in tasks if not task.is_done(retry_failed=retry_failed)]
+
+
+def _require_own_folder(path: Path) -> None:
+    """Refuse a folder in which a campaign would stand beside another result, or write among the user's files.
+
+    Raises
+    ------
+    ResultError : it holds another result, or a folder of results that no campaign wrote; or it cannot be made
+    """
+    check_writable(path)
+    advice = "give another --output"
+    others = sorted({entry.get("kind", "result") for entry in entries_in(path).values()} - {CAMPAIGN_KIND})
+    if others:
+        raise ResultError(f"the folder holds another result ({others[0]})", file=path, advice=advice)
+    results = path / RESULTS
+    if not (path / CAMPAIGN_FILE).exists() and results.is_dir() and any(results.iterdir()):
+        raise ResultError("the folder holds files that no campaign wrote", file=results, advice=advice)
 
 
 def _hash_in(path: Path) -> str:

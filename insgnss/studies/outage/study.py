@@ -44,6 +44,8 @@ from insgnss.studies.outage.windows import (
     checked,
     periodic_windows,
     random_windows,
+    require_count,
+    require_seconds,
 )
 from insgnss.studies.saved_study import SavedStudy
 
@@ -147,8 +149,9 @@ def outage_study(
     InsGnssError : a log or a setting cannot be used; ConfigError when no window lies within the filter's run
     """
     tell = progress or (lambda _: None)
-    if not after_s >= 0.0:
+    if not (np.isfinite(after_s) and after_s >= 0.0):
         raise ConfigError(f"{after_s} s after a window: invalid", key="after_s", advice="give 0 or more")
+    _require_way(windows)
     flight = flight if isinstance(flight, Flight) else Flight.load(flight)
     began = time.perf_counter()
     tell("reading the logs")
@@ -174,6 +177,27 @@ def outage_study(
         "rate_hz": rate_hz,
     }
     return _study(log, nav, results, skipped, asked, took)
+
+
+def _require_way(windows: Windows) -> None:
+    """Refuse windows that no log can hold, before one is read.
+
+    Raises
+    ------
+    ConfigError : a length, period, number or angle is impossible, or a window ends before it begins
+    """
+    if isinstance(windows, Periodic):
+        require_seconds(length_s=windows.length_s, every_s=windows.every_s)
+    elif isinstance(windows, Random):
+        require_seconds(length_s=windows.length_s)
+        require_count(windows.count)
+    elif isinstance(windows, Banked):
+        if not 0.0 <= windows.bank_deg <= 180.0:
+            raise ConfigError(
+                f"invalid bank {windows.bank_deg} deg", key="bank_deg", advice="give 0 to 180 deg"
+            )
+    else:
+        checked(windows)
 
 
 def _placed(log: OutageLog, windows: Windows) -> list[OutageWindow]:

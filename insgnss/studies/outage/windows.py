@@ -141,9 +141,7 @@ def periodic_windows(
     ------
     ConfigError : a length or period that is none
     """
-    _check_length(length_s)
-    if not every_s > 0.0:
-        raise ConfigError(f"invalid period {every_s} s", key="every_s", advice="give seconds, above 0")
+    require_seconds(length_s=length_s, every_s=every_s)
     count = max(int(np.floor((until_s - length_s - first_s) / every_s + 1e-9)) + 1, 0)
     return [OutageWindow(first_s + k * every_s, first_s + k * every_s + length_s) for k in range(count)]
 
@@ -157,9 +155,10 @@ def random_windows(
     ------
     ConfigError : they do not fit
     """
-    _check_length(length_s)
+    require_seconds(length_s=length_s)
+    require_count(count)
     room = until_s - first_s - count * length_s
-    if count < 1 or room < 0.0:
+    if room < 0.0:
         raise ConfigError(
             f"{count} windows of {length_s:g} s do not fit between {first_s:g} and {until_s:g} s",
             key="random",
@@ -208,6 +207,24 @@ def checked(windows: Sequence[tuple[float, float]]) -> list[OutageWindow]:
     return [OutageWindow(float(a), float(b)) for a, b in windows]
 
 
-def _check_length(length_s: float) -> None:
-    if not length_s > 0.0:
-        raise ConfigError(f"invalid length {length_s} s", key="length_s", advice="give seconds, above 0")
+def require_seconds(**named: float) -> None:
+    """Refuse times that are not finite and above zero.
+
+    Raises
+    ------
+    ConfigError : names the first one
+    """
+    for key, value in named.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise ConfigError(f"invalid time {value} s", key=key, advice="give seconds, above 0")
+
+
+def require_count(count: int) -> None:
+    """Refuse a number of windows that is none.
+
+    Raises
+    ------
+    ConfigError : it is below one
+    """
+    if count < 1:
+        raise ConfigError(f"{count} windows are none", key="random", advice="give 1 or more")

@@ -74,7 +74,7 @@ def check_options(o: ReceiverOptions) -> None:
             require_within(-360.0, 360.0, "give degrees", **{key: value})
     require_not_negative(settle_s=o.settle_s)
     if o.average_s is not None:
-        require_not_negative(average_s=o.average_s)
+        require_within(o.settle_s, math.inf, "average from settle_s on", average_s=o.average_s)
     if o.duration_s is not None:
         require_positive(duration_s=o.duration_s)
 
