@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S, S_PER_WEEK
+from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.checks.coarse_time import coarse_shift
 from insgnss.log.checks.report import Finding, Proposal
@@ -19,6 +19,7 @@ from insgnss.log.checks.time_offset import HOUR_S, SIGNIFICANT_SIGMAS, SMALLEST_
 from insgnss.log.checks.track import Solve, solved_share
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_rows import epochs, satellites_per_epoch
+from insgnss.log.imu.csv_log import inertial
 from insgnss.log.overlap import MOST_HOURS
 from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
 
@@ -63,7 +64,7 @@ def gnss_time_findings(
     agree = solved_share(solve, sample, tested=False) >= AGREEING
     off = _off_by_any(solve, sample, navigation, agree=agree)
     if off is not None:
-        return [_finding_of_any(flight, off, sample)]
+        return [_finding_of_any(flight, off, sample, imu)]
     if agree:
         return []
     shifts = _fitting(solve, sample, navigation)
@@ -79,7 +80,7 @@ def gnss_time_findings(
         ]
         sure = "likely: of several shifts the one that makes the logs overlap"
     if len(shifts) == 1:
-        return [_finding(flight, shifts[0], gnss, sure)]
+        return [_finding(flight, shifts[0], gnss, sure, imu)]
     text = "no position fits the pseudoranges with the time tags as logged"
     alternatives = f" or shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not shifts else ""
     if float(np.median(count[enough])) < PLENTY:
@@ -153,8 +154,13 @@ def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:
     return round(apart_s / S_PER_WEEK)
 
 
-def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str, rest_s: float = 0.0) -> Finding:
-    """Return the finding of weeks, hours or leap seconds and, to be added too, ``rest_s``."""
+def _finding(
+    flight: Flight, shift: _Shift, gnss: GnssTable, sure: str, imu: ImuTable | None, rest_s: float = 0.0
+) -> Finding:
+    """Return the finding of weeks, hours or leap seconds and, to be added too, ``rest_s``.
+
+    The week of the flight file is that of both logs: where the inertial log is right, the GNSS tags alone are wrong.
+    """
     leap = leap_seconds(ns_to_datetime(int(gnss.t_ns[0])))
     config = flight.config
     words = [f"{shift.weeks:+d} week(s)"] if shift.weeks else []
@@ -165,7 +171,8 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str, rest_s: 
     why = "only this shift makes the pseudoranges agree on a position"
     proposals = []
     added = shift.hours * HOUR_S + rest_s
-    if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:
+    in_week = config.gnss.format == "csv" and config.gnss.counts_in_gps_week
+    if shift.weeks and in_week and not _imu_is_right(flight, shift.weeks, gnss, imu):
         proposals.append(Proposal("gps_week", config.gps_week + shift.weeks, why))
     else:
         added += shift.weeks * S_PER_WEEK
@@ -180,14 +187,22 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str, rest_s: 
     return Finding("error", "gnss", text, "", sure, tuple(proposals))
 
 
-def _finding_of_any(flight: Flight, off: TagShift, sample: GnssTable) -> Finding:
+def _imu_is_right(flight: Flight, weeks: int, gnss: GnssTable, imu: ImuTable | None) -> bool:
+    """Return whether the week is that of an inertial log which shares time with the GNSS log shifted by ``weeks``."""
+    if imu is None or flight.config.imu is None or not inertial(flight.config).counts_in_gps_week:
+        return False
+    first_ns, last_ns = (int(t) + weeks * NS_PER_WEEK for t in gnss.t_ns[[0, -1]])
+    return bool(first_ns <= imu.t_ns[-1] and imu.t_ns[0] <= last_ns)
+
+
+def _finding_of_any(flight: Flight, off: TagShift, sample: GnssTable, imu: ImuTable | None) -> Finding:
     """Return the finding of a shift, as weeks, hours or leap seconds where it is them."""
     leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
     weeks, hours, leaps, rest_s = split(off.shift_s, leap)
     if (weeks or hours or leaps) and abs(rest_s) < NEAR_WHOLE_S:
         whole = abs(rest_s) <= max(SIGNIFICANT_SIGMAS * off.sd_s, SMALLEST_S)
         sure = "sure: no other shift does" if whole else f"sure: sigma {off.sd_s:.3f} s"
-        return _finding(flight, _Shift(weeks, hours, leaps), sample, sure, 0.0 if whole else rest_s)
+        return _finding(flight, _Shift(weeks, hours, leaps), sample, sure, imu, 0.0 if whole else rest_s)
     side = "late" if off.shift_s < 0.0 else "early"
     text = (
         f"the GNSS tags are {abs(off.shift_s):.3f} s {side}: the pseudoranges contradict each other as logged and agree"
