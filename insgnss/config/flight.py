@@ -303,6 +303,10 @@ class FlightConfig(StrictModel):
     """A whole flight file. Relative paths are relative to the file itself."""
 
     lists_keys = "every key with its meaning: docs/flight-file.md"
+    needs = (
+        "a flight file needs [gnss] with files and navigation, or a [[sensor]] of kind 'position' with files, and"
+        " [imu] with files and grade (not for a point solution)"
+    )
     name: str = ""
     gps_week: Annotated[int, Field(ge=0, le=9999)] = Field(
         NO_WEEK,
@@ -324,9 +328,13 @@ class FlightConfig(StrictModel):
 
     @model_validator(mode="after")
     def _sensors_are_told_apart(self) -> Self:
+        if not self.model_fields_set:
+            message = "the file declares nothing"
+            advice = f"{self.needs}; 'insgnss convert' writes one from a receiver's files; {self.lists_keys}"
+            raise KeyValueError(message, advice=advice)
         if not self.gnss.files and all(sensor.kind != "position" for sensor in self.sensor):
             message = "no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'"
-            raise KeyValueError(message, "gnss")
+            raise KeyValueError(message, "gnss", advice=f"{self.needs}; {self.lists_keys}")
         if not self.gnss.files and self.attitude is not None:
             raise KeyValueError("[attitude] needs the carrier phases of [gnss]: declare [gnss] too", "gnss")
         require_own_names([sensor.label for sensor in self.sensor], "sensors", "sensor")

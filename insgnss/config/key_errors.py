@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 
 class KeyValueError(ValueError):
-    """What is wrong with a table, and the keys and indices in it that lead to what to change."""
+    """What is wrong with a table, the keys and indices in it that lead to what to change, and what to do."""
 
-    def __init__(self, message: str, *place: str | int) -> None:
+    def __init__(self, message: str, *place: str | int, advice: str = "") -> None:
         super().__init__(message)
         self.place = place
+        self.advice = advice
 
 
 def require_own_names(names: Sequence[str], what: str, table: str) -> None:

@@ -38,6 +38,7 @@ _EXPECTED: Final = {
     "model_type": "a table of keys",
     "model_attributes_type": "a table of keys",
 }
+_WHOLE_FILE: Final = "the file"  # in place of a key
 _SCALAR_BRANCHES: Final = ("string_type", "literal_error")
 _TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
 
@@ -62,6 +63,7 @@ class StrictModel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
     lists_keys: ClassVar[str] = ""  # what lists every key with its meaning
+    needs: ClassVar[str] = ""  # what a file without a known key lacks
 
     @field_validator("*", mode="after")
     @classmethod
@@ -225,7 +227,8 @@ def _config_error(path: Path | None, problems: Sequence[_Problem]) -> ConfigErro
     if len(problems) > 1:
         rest = [f"{p.place()}: {p.message} ({p.advice})" for p in problems[1:]]
         message = f"{message}\n  and {len(rest)} more: " + "\n  ".join(rest)
-    return ConfigError(message, file=path, line=first.line, key=first.key, advice=advice)
+    key = None if first.key == _WHOLE_FILE else first.key
+    return ConfigError(message, file=path, line=first.line, key=key, advice=advice)
 
 
 def _describe(
@@ -238,7 +241,7 @@ def _describe(
     place = cause.place if isinstance(cause, KeyValueError) else ()
     path = _path_in_file((*error["loc"], *place), data)
     keys = tuple(part for part in path if isinstance(part, str))
-    key = ".".join(keys) or "the file"
+    key = ".".join(keys) or _WHOLE_FILE
     entry = f"entry {path[-1] + 1}: " if path and isinstance(path[-1], int) else ""
     line = line_of(path, lines)
     kind = error["type"]
@@ -256,7 +259,8 @@ def _describe(
     if kind in ("value_error", "assertion_error"):
         # what the schema says of a whole table does not tell which of its keys to change; the message does
         purpose = "" if isinstance(error["input"], Mapping) and not place else _purpose(keys, model)
-        return _Problem(key, line, error["msg"].split(", ", 1)[-1], f"change {key}{purpose}")
+        advice = cause.advice if isinstance(cause, KeyValueError) else ""
+        return _Problem(key, line, error["msg"].split(", ", 1)[-1], advice or f"change {key}{purpose}")
     expected = _EXPECTED.get(kind) or error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
     message = f"{entry}expected {expected}; got {_short(error['input'])}"
     return _Problem(key, line, message, f"change {key}{_purpose(keys, model)}")
@@ -326,8 +330,9 @@ def _nearest_keys(path: tuple[str, ...], model: type[BaseModel], kind: str | Non
             near.append(everywhere[leaf])
     if near:
         return "nearest valid key: " + ", or ".join(f"'{name}'" for name in near)
-    lists = f"; {model.lists_keys}" if issubclass(model, StrictModel) and model.lists_keys else ""
-    return f"valid here: {', '.join(here)}{lists}"
+    own = model if issubclass(model, StrictModel) else StrictModel
+    more = (own.needs if len(path) == 1 else "", own.lists_keys)
+    return "; ".join((f"valid here: {', '.join(here)}", *filter(None, more)))
 
 
 def _purpose(path: tuple[str, ...], model: type[BaseModel]) -> str:

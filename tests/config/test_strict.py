@@ -270,3 +270,12 @@ def test_number_that_nothing_has_names_key_and_line(tmp_path: Path, number: str)
 
     assert error.key == "imu.mounting_matrix"
     assert "too large or too small for any setting" in error.message
+
+
+@pytest.mark.parametrize("text", ["", "# nothing but a comment\n", "[foo]\na = 1\n", 'name = "flight"\n'])
+def test_flight_file_without_logs_says_what_one_needs(tmp_path: Path, text: str) -> None:
+    error = failure(tmp_path, text)
+
+    assert "a flight file needs [gnss] with files and navigation" in error.advice
+    assert "[imu] with files and grade" in error.advice and "docs/flight-file.md" in error.advice
+    assert "left out" not in str(error) and error.key in (None, "foo", "gnss")
