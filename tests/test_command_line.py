@@ -91,7 +91,7 @@ def test_command_ends_with_the_code_of_the_table(arguments: tuple[str, ...], cod
     [
         (("report", str(SAMPLE)), 5, "this is a file; name the folder of the run"),
         (("campaign", "imu_grades", "--output", "PLACE", "--workers", "-2"), 2, "invalid number of workers -2"),
-        (("visibility", "none", "--flight", str(SAMPLE), "--threshold", "nan"), 2, "nan is not a finite number"),
+        (("visibility", "none", "--flight", str(SAMPLE), "--threshold", "nan"), 2, "nan is not"),
         (("allan", str(SAMPLE), "--from", "293800", "--to", "293750"), 2, "it lasts from 293700.010 to 294900.000 s"),
     ],
 )  # fmt: skip

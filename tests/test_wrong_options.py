@@ -138,7 +138,7 @@ def test_wrong_number_is_refused_by_the_name_of_its_option(
     [
         (("visibility", "no_run", "--flight", str(SAMPLE), "--step", ""), "'--step': the value is empty"),
         (("replay", ""), "an argument is empty"),
-        (("simulate", "at_rest", "--output="), "'--output': the value is empty"),
+        (("simulate", "at_rest", "--output="), "'--output' / '-o': the value is empty"),
         (("track", "--code-bandwidth", "1e9"), "option '--code-bandwidth': B T"),
         (("track", "--frequency-bandwidth", "1e9"), "option '--frequency-bandwidth': B T"),
         (("receiver", "--settle", "30", "--average-from", "20"), "average from --settle on"),
