@@ -1,4 +1,4 @@
-"""What every command has in common: how it refuses wrong options, and how its errors are told."""
+"""What every command has in common: how it refuses wrong options, and how its errors end."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _ARGUMENT: Final = re.compile(r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b")  # in a text
 # arguments of functions that an option has under another name; of each the first that the command has
 _OTHER_NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
-        "output": ("--times", "--rate"),  # of rows; the folder of a result is no argument
+        "output": ("--times", "--rate"),  # of rows; no argument names the folder of a result
         "average_s": ("--average-from",),
         "from_s": ("--from",),
         "least_cn0_dbhz": ("--min-cn0",),

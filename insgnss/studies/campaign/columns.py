@@ -36,7 +36,7 @@ COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def require_columns(config: CampaignConfig, folder: str | Path, names: Sequence[str]) -> bool:
-    """Refuse names that are no columns of a campaign's results; return whether the columns are known yet.
+    """Refuse names that no column of a campaign's results has; return whether the columns are known yet.
 
     Those of a case function that is not shipped are known from its first results.
 
