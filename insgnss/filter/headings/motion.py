@@ -103,10 +103,12 @@ def follow_near_motion(m: StateRecord, w: Float64, dv_e: Vector, dt: float) -> N
     Over that time the state goes to the time of a measurement, in one step. What a vehicle vibrates meanwhile
     averages out; the mean of a moment far shorter or longer would be that of another motion.
     """
-    share = dt / max(m.near_s, dt)
+    if dt <= 0.0:
+        return
+    gain = 1.0 / max(m.near_s, dt)
     for i in range(3):
-        m.f_near[i] += (dv_e[i] / dt - m.f_near[i]) * share
-        m.w_near[i] += (w[i] - m.w_near[i]) * share
+        m.f_near[i] += (dv_e[i] - m.f_near[i] * dt) * gain
+        m.w_near[i] += (w[i] - m.w_near[i]) * (dt * gain)
 
 
 @kernel(inline=True)
