@@ -19,7 +19,7 @@ READ = [
 # kernels for arrays of what the package does one by one: the tests look at thousands of draws
 FOR_TESTS = {"observe_channels"}
 # methods that importlib and Numba call
-CALLED_BY_LIBRARIES = {"exec_module", "get_call_type", "get_call_signatures", "get_impl_key"}
+CALLED_BY_LIBRARIES = {"exec_module", "get_call_type", "get_call_signatures", "get_impl_key", "invoke"}
 # methods that a user expects beside those that the package calls itself: another form of an attitude, the share of
 # channels beside that of runs
 FOR_USERS = {"from_quaternion", "lost_channels"}

@@ -200,11 +200,11 @@ class Process(StrictModel):
     lever_arm_sigma_m: NotNegative = Field(
         0.0, le=100.0, description="sigma of each lever arm component, then estimated; 0: exact"
     )
-    imu_time_sigma_s: NotNegative | None = Field(
-        None,
+    imu_time_sigma_s: NotNegative = Field(
+        0.0,
         le=0.1,
-        description="sigma of the IMU's time offset, which is estimated; 0: exact; left out: 0.02 s with raw GNSS data,"
-        " 0 with position fixes alone; declare a larger offset with imu.time.offset_s, which insgnss check finds",
+        description="sigma of the IMU's time offset, then estimated; 0: exact; 0.02 where a logger tags samples as they"
+        " arrive; declare a larger offset with imu.time.offset_s, which insgnss check finds",
     )
 
 

@@ -18,7 +18,6 @@ from insgnss.config.flight import FlightConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, ResultError
 from insgnss.filter.layout import Layout
-from insgnss.filter.states.imu_time import ARRIVAL_SIGMA_S
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.files import sha256
@@ -70,17 +69,11 @@ class InstallationEstimate(NamedTuple):
     value: float  # to be added to the number
     sigma: float
     declared_sigma: float
-    assumed: bool  # the sigma is the filter's own, no setting
 
     @property
     def is_significant(self) -> bool:
         """Whether the number of the flight file is contradicted."""
         return abs(self.value) >= SIGNIFICANT * self.sigma
-
-    @property
-    def is_news(self) -> bool:
-        """Whether it was asked for, or differs from the flight file."""
-        return self.is_significant or not self.assumed
 
     @property
     def is_plausible(self) -> bool:
@@ -98,9 +91,6 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
     estimates = []
     for part in PARTS:
         declared = entry(settings, part.declared)
-        assumed = declared is None and part.key == _TIME
-        if assumed:
-            declared = ARRIVAL_SIGMA_S
         if part.column not in nav or not len(nav) or not isinstance(declared, int | float) or declared <= 0.0:
             continue
         sigma = nav[f"sd_{part.column}"].to_numpy()
@@ -108,27 +98,23 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
         if determined[-1]:
             since = len(sigma) - int(np.argmin(determined[::-1])) if not determined.all() else 0
             time_s, value = float(nav["time_s"].iloc[since]), float(nav[part.column].iloc[-1])
-            estimates.append(
-                InstallationEstimate(part, time_s, value, float(sigma[-1]), float(declared), assumed)
-            )
+            estimates.append(InstallationEstimate(part, time_s, value, float(sigma[-1]), float(declared)))
     return estimates
 
 
 def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: int) -> list[Event]:
-    """Return an event for each number of the installation whose error a run has determined and that is news."""
+    """Return an event for each number of the installation whose error a run has determined."""
     return [
         Event(int(week_seconds_to_ns(week, estimate.time_s)), "installation_known", estimate.words())
         for estimate in installation_estimates(nav, settings)
-        if estimate.is_news
     ]
 
 
 class LiveInstallation:
     """The same events of a streaming engine: each number of the installation once, when it is determined first."""
 
-    def __init__(self, layout: Layout, *, tags_declared: bool) -> None:
-        """Take the declared sigmas from the states of the filter; of the tags it may be the filter's own."""
-        self._assumed = () if tags_declared else (_TIME,)
+    def __init__(self, layout: Layout) -> None:
+        """Take the declared sigmas from the states of the filter."""
         parts = {part.column: part for part in PARTS}
         self._open = {
             column: (parts[column], block.sigma)
@@ -142,11 +128,10 @@ class LiveInstallation:
         new_events = []
         for column, (part, declared) in list(self._open.items()):
             sigma = float(values[f"sd_{column}"])
-            time_s, value = t_ns % NS_PER_WEEK / NS_PER_S, float(values[column])
-            assumed = part.key in self._assumed
-            estimate = InstallationEstimate(part, time_s, value, sigma, declared, assumed)
-            if sigma <= DETERMINED * declared and estimate.is_news:
+            if sigma <= DETERMINED * declared:
                 del self._open[column]
+                time_s = t_ns % NS_PER_WEEK / NS_PER_S
+                estimate = InstallationEstimate(part, time_s, float(values[column]), sigma, declared)
                 new_events.append(Event(t_ns, "installation_known", estimate.words()))
         return new_events
 

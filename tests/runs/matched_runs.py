@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from insgnss.config.filter import Adaptation, FilterConfig, HealthConfig, Measurements, NoiseConfig, Process
+from insgnss.config.filter import Adaptation, FilterConfig, HealthConfig, Measurements, NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
@@ -80,7 +80,6 @@ def matched_setup() -> FilterSetup:
         measurements=Measurements(ionosphere="none", troposphere="none", elevation_mask_deg=0.0),
         pseudorange_noise_m=_noise(RANGE_NOISE),
         range_rate_noise_mps=_noise(RATE_NOISE),
-        process=Process(imu_time_sigma_s=0.0),
         adaptation=Adaptation(on=False),
         health=HealthConfig(
             suspicion_sigma=0.0

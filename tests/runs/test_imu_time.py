@@ -25,9 +25,8 @@ from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_boun
 
 SIGMA_S = 0.02
 SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
-EXACT = {"process.imu_time_sigma_s": 0.0}
 # else the tags are suspected and the filter is set right, after many looks back
-PLAIN = {"health.recovery": False, **EXACT}
+PLAIN = {"health.recovery": False}
 
 
 @cache
@@ -98,21 +97,14 @@ def heading_sigmas(run: insgnss.Run) -> float:
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, -0.05])
 def test_tags_by_arrival_do_not_turn_a_cars_heading(late_s: float) -> None:
-    """Nobody has declared anything of the tags: exact ones turn the heading in each corner, and no test sees it."""
+    """Tags that count as exact turn it in each corner."""
     flown = with_late_imu(drive(7), late_s)
-    run, exact = insgnss.replay(flown), insgnss.replay(flown, settings=PLAIN)
+    run, exact = (insgnss.replay(flown, settings=settings) for settings in (SETTINGS, PLAIN))
     value, sigma = found(run)
     assert abs(value + late_s) < 3.0 * sigma < 0.01
     assert heading_sigmas(run) < 4.0 < 5.0 < heading_sigmas(exact)
     told = run.events.loc[run.events["kind"] == "installation_known", "detail"]
     assert len(told) == 1 and "imu_time_offset_s" in told.iloc[0]
-
-
-def test_tags_that_are_exact_are_not_news() -> None:
-    run = insgnss.replay(drive(8))
-    value, sigma = found(run)
-    assert abs(value) < 3.0 * sigma < 0.01
-    assert "installation_known" not in set(run.events["kind"])
 
 
 def shaken(flown: FlightInMemory, sigma_mps2: float) -> FlightInMemory:
@@ -126,7 +118,7 @@ def shaken(flown: FlightInMemory, sigma_mps2: float) -> FlightInMemory:
 @pytest.mark.parametrize("late_s", [0.05, -0.05])
 def test_vibration_does_not_pass_for_the_motion_that_shows_the_offset(late_s: float) -> None:
     """0.6 m/s^2 in a sample made 0.033 of 0.05 s, with a sigma of 0.0013."""
-    run = insgnss.replay(with_late_imu(shaken(drive(9), 0.6), late_s))
+    run = insgnss.replay(with_late_imu(shaken(drive(9), 0.6), late_s), settings=SETTINGS)
     value, sigma = found(run)
     assert abs(value + late_s) < 4.0 * sigma < 0.012
     assert heading_sigmas(run) < 4.0
@@ -192,7 +184,7 @@ def test_what_a_run_has_found_is_written_into_the_flight_file(tmp_path: Path) ->
 
 def test_run_without_doubts_has_found_nothing() -> None:
     flown = flight(turns(60.0), seed=5)
-    (finding,) = installation_findings(insgnss.replay(flown, settings=EXACT), flown.config)
+    (finding,) = installation_findings(insgnss.replay(flown), flown.config)
     assert finding.severity == "ok" and "process.imu_time_sigma_s" in finding.advice
 
 

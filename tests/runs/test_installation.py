@@ -24,7 +24,7 @@ from tests.runs.scenes import flight, turns
 LEVER = dict(zip(("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"), (0.5, 0.002, -0.3), strict=True))
 SIGMA_M = 0.2
 SIGMA_S = 0.02
-LEVER_ONLY = {"process.lever_arm_sigma_m": SIGMA_M, "process.imu_time_sigma_s": 0.0}
+LEVER_ONLY = {"process.lever_arm_sigma_m": SIGMA_M}
 BOTH = {**LEVER_ONLY, "process.imu_time_sigma_s": SIGMA_S}
 
 
