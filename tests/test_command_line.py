@@ -118,7 +118,7 @@ def test_output_times_outside_the_log_name_the_option_that_gave_them(tmp_path: P
     refused = CliRunner().invoke(app, ["replay", str(SAMPLE), "--times", str(tmp_path / "times.csv")])
 
     assert refused.exit_code == 2
-    assert "'--rate, --times': no output time lies inside" in refused.stderr
+    assert "'--times, --rate': no output time lies inside" in refused.stderr
 
 
 def test_shell_completes_the_commands() -> None:
