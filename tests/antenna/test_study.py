@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from insgnss.cli.command import OwnCommand
 from insgnss.cli.visibility import visibility as command
 from insgnss.config.filter import Visibility
 from insgnss.config.library import filter_config
@@ -36,7 +37,7 @@ from tests.antenna.vehicle import HIDDEN_FIVE, attitudes, paper_sky, vehicle
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight"
 WEEK = 2385
 APP = typer.Typer()
-APP.command()(command)
+APP.command(cls=OwnCommand)(command)
 
 
 def paper_table() -> pd.DataFrame:
@@ -388,7 +389,7 @@ def sorted_by_name(values: np.ndarray) -> np.ndarray:
         (["-a", "nowhere.csv"], 3, "file not found"),
         ([], 2, "no antenna is described"),
         (["-a", "patch_l1", "--format", "xml"], 2, "parquet"),
-        (["-a", "patch_l1", "--step", "-1"], 2, "invalid step"),
+        (["-a", "patch_l1", "--step", "-1"], 2, "'--step': -1 is not"),
     ],
 )
 def test_command_answers_wrong_options_with_an_error(options: list[str], code: int, words: str) -> None:

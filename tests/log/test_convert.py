@@ -9,6 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from insgnss.cli.command import OwnCommand
 from insgnss.cli.convert import convert as command
 from insgnss.errors import ConfigError, InputError
 from insgnss.log.android.reader import COEFFICIENTS
@@ -33,7 +34,7 @@ from tests.log.test_rinex_observations import epoch as rinex_epoch
 from tests.log.test_sbf import bds_nav, gal_nav, gps_nav
 
 APP = typer.Typer()
-APP.command()(command)
+APP.command(cls=OwnCommand)(command)
 
 
 def same(a: GnssTable, b: GnssTable) -> None:

@@ -13,6 +13,7 @@ import typer
 from scipy import stats
 from typer.testing import CliRunner
 
+from insgnss.cli.command import OwnCommand
 from insgnss.cli.point import point as point_command
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
@@ -27,7 +28,7 @@ from tests.runs.scenes import flight, turns
 
 DURATION_S = 60.0
 APP = typer.Typer()
-APP.command()(point_command)
+APP.command(cls=OwnCommand)(point_command)
 
 
 @pytest.fixture(scope="module")
