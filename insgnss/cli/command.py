@@ -76,13 +76,10 @@ def _refuse_infinite(ctx: Any, option: Any) -> None:
 def at_least(limit: float, most: float = math.inf) -> Callable[[Any], Any]:
     """Return the check of an option whose numbers are from ``limit`` on and not above ``most``."""
     words = f"at least {limit:g}" + ("" if most == math.inf else f" and at most {most:g}")
-    return _check(lambda number: limit <= number <= most, words)
 
-
-def _check(is_right: Callable[[float], bool], words: str) -> Callable[[Any], Any]:
     def check(value: Any) -> Any:
         for number in value if isinstance(value, list | tuple) else [value]:
-            if number is not None and not is_right(number):
+            if number is not None and not limit <= number <= most:
                 raise typer.BadParameter(f"{number:g} is not {words}")
         return value
 

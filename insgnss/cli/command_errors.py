@@ -22,7 +22,7 @@ from insgnss.errors import InsGnssError
 
 _UNITS: Final = ("", "_s", "_m", "_deg", "_hz", "_dbhz", "_db", "_chips", "_dbic", "_bytes")
 _ARGUMENT: Final = re.compile(r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b")  # in a text: two words or more
-# arguments of functions that an option has under another name; of each the first that the command has
+# arguments of functions whose option has another name; an error names all of them that the command has
 _OTHER_NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "output": ("--times", "--rate"),  # of rows; no argument names the folder of a result
@@ -32,14 +32,9 @@ _OTHER_NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "told_cn0_dbhz": ("--assumed-cn0",),
         "estimates_cn0": ("--estimate",),
         "losses_db": ("--loss",),
-        "integration_s": ("--integration",),
         "coherent_s": ("--look",),
-        "spacing_chips": ("--spacing",),
         "block_s": ("--look",),
         "windows": ("--window",),
-        "satellites": ("--sv",),
-        "constellations": ("--constellation",),
-        "kinds": ("--kind",),
         "threshold_ratio": ("--threshold",),
     }
 )

@@ -18,7 +18,7 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.log.checks.track import GAP_MIN_S, GNSS_GAP_STEPS, GnssTrack
+from insgnss.log.checks.track import GnssTrack, longest_step_s
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import S_PER_H
 
@@ -64,7 +64,7 @@ def stretches(track: GnssTrack, length_s: float, spans_s: list[tuple[float, floa
     if len(t) < MIN_EPOCHS:
         return []
     pulls = _pulls(track.r_e[keep], v)
-    limit = max(GNSS_GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
+    limit = longest_step_s(t)
     parts = []
     for from_s, until_s in spans_s:
         first, last = np.searchsorted(t, (from_s, until_s))

@@ -22,7 +22,7 @@ VELOCITY_FLOOR_MPS: Final = 0.02  # no single epoch of range rates is better
 REFLECTED_SIGMAS: Final = 30.0
 # A longer step between epochs, in their median step and in seconds, is a gap
 GNSS_GAP_STEPS: Final = 2.5
-GAP_MIN_S: Final = 1.2
+_GAP_MIN_S: Final = 1.2
 POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second apart
 
 
@@ -47,17 +47,19 @@ class GnssTrack:
     range_freedom: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
-def between_epochs(epoch_s: Float64, t_s: Float64) -> Bool:
-    """Return whether times lie between two neighbouring epochs without a gap between them: values may be interpolated.
-
-    A gap is as ``stretches`` counts it, from the median step.
-    """
+def longest_step_s(epoch_s: Float64) -> float:
+    """Return the step between epochs beyond which there is a gap, zero for a single epoch [s]."""
     steps = np.diff(epoch_s)
-    limit_s = max(GNSS_GAP_STEPS * float(np.median(steps)), GAP_MIN_S) if len(steps) else 0.0
+    return max(GNSS_GAP_STEPS * float(np.median(steps)), _GAP_MIN_S) if len(steps) else 0.0
+
+
+def between_epochs(epoch_s: Float64, t_s: Float64) -> Bool:
+    """Return whether times lie between two epochs without a gap between them: values may be interpolated."""
+    steps = np.diff(epoch_s)
     after = np.searchsorted(epoch_s, t_s, side="left")
     inside = (after > 0) & (after < len(epoch_s))
     whole = np.zeros(len(t_s), bool)
-    whole[inside] = steps[after[inside] - 1] <= limit_s
+    whole[inside] = steps[after[inside] - 1] <= longest_step_s(epoch_s)
     return whole | np.isin(t_s, epoch_s)
 
 

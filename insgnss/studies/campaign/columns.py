@@ -42,7 +42,7 @@ def require_columns(config: CampaignConfig, folder: str | Path, names: Sequence[
 
     Raises
     ------
-    ConfigError : there is no such column, one is named twice, or none is named
+    ConfigError : a column is unknown or named twice, or no column is named
     """
     if not names:
         raise ConfigError("no column is named", key="by", advice="name some, as in case,seed")
