@@ -23,8 +23,8 @@
 # $$r_a=r_e+C_{eb}(l+\delta l)-v_e\,\tau,\qquad v_a=v_e+C_{eb}\,\omega\times(l+\delta l)-a_e\,\tau .$$
 #
 # In a turn of 40 degrees of bank the acceleration $a_e$ is 8 m/s^2, and $a_e\tau$ is 0.16 m/s, several sigmas of a
-# range rate. $\delta l$ and $\tau$ are states where `process.lever_arm_sigma_m` and `process.imu_time_sigma_s` declare
-# the numbers uncertain.
+# range rate. $\tau$ is a state with a sigma of 0.02 s unless `process.imu_time_sigma_s` declares another, $\delta l$
+# is one where `process.lever_arm_sigma_m` declares it uncertain.
 
 # %%
 import subprocess
@@ -80,7 +80,7 @@ rate_hz = 50.0
 lever_arm_m = {ARM_M.tolist()}
 carrier_noise_m = {{ floor = 0.002 }}
 """
-NO_SEARCH = {"health.recovery": False}
+AS_DECLARED = {"health.recovery": False, "process.imu_time_sigma_s": 0.0}
 STATES = {"process.lever_arm_sigma_m": 0.3, "process.imu_time_sigma_s": 0.02}
 keeper = tempfile.TemporaryDirectory()
 folder = Path(keeper.name)
@@ -102,7 +102,7 @@ for seed in SEEDS:
     right = (flight / "flight.toml").read_text(encoding="utf-8")
     (flight / "wrong.toml").write_text(installed(right, LATE_S, WRONG_ARM_M), encoding="utf-8")
     runs["right file", seed] = insgnss.replay(flight / "flight.toml")
-    runs["wrong file", seed] = insgnss.replay(flight / "wrong.toml", settings=NO_SEARCH)
+    runs["wrong file", seed] = insgnss.replay(flight / "wrong.toml", settings=AS_DECLARED)
     runs["wrong file, search", seed] = insgnss.replay(flight / "wrong.toml")
     runs["wrong file, states", seed] = insgnss.replay(flight / "wrong.toml", settings=STATES)
 
@@ -111,9 +111,10 @@ for seed in SEEDS:
 #
 # Error over sigma in the second half of each flight, rms over the flights. Without the states, and without a search for
 # faults, the filter attributes what the satellites show to the attitude: roll is wrong by nine sigmas. Position and
-# velocity are then compared at the IMU's tags, so their errors include the motion of 20 ms. The search is the default:
-# in all flights it finds within 40 s that the lever arm is wrong, and the filter goes on with its error and the offset
-# of the tags as states. The sigmas hold then. The forward component stays uncertain until the speed changes.
+# velocity are then compared at the IMU's tags, so their errors include the motion of 20 ms. By default the tags are a
+# state and faults are searched for: in all flights the search finds within 40 s that the lever arm is wrong, and the
+# filter goes on with its error as states, too. The sigmas hold then. The forward component stays uncertain until the
+# speed changes.
 
 # %%
 QUANTITIES = ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "n_m", "e_m", "d_m")

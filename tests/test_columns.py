@@ -46,6 +46,7 @@ FURTHER = (
     "ionosphere_m",
     *OF_LEVER,
     "imu_time_offset_s",
+    "range_rate_lag_s",
     *OF_VEHICLES,
 )
 OF_SENSORS = {

@@ -36,6 +36,7 @@ _OTHER_NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "block_s": ("--look",),
         "windows": ("--window",),
         "threshold_ratio": ("--threshold",),
+        "drift_density": ("--oscillator",),
     }
 )
 

@@ -60,6 +60,8 @@ def simulate(
         f"{simulation.config.name or scenario}: {simulation.scenario.duration_s:.0f} s,"
         f" {len(log.imu.t_ns)} inertial samples, {len(log.gnss.t_ns)} GNSS rows of {satellites} satellites"
     )
+    if duration is not None and duration > simulation.scenario.duration_s:
+        typer.echo(f"the scenario ends before the {duration:g} s of --duration")
     for path in paths:
         typer.echo(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
     typer.echo(f"{time.perf_counter() - began:.2f} s in all")

@@ -11,6 +11,7 @@ from insgnss.filter.states.imu_time import imu_time
 from insgnss.filter.states.ionosphere import ionosphere
 from insgnss.filter.states.lever_arm import lever_arm
 from insgnss.filter.states.range_biases import range_biases
+from insgnss.filter.states.rate_lag import rate_lag
 from insgnss.filter.states.sensor_errors import SENSOR_ERRORS
 from insgnss.filter.states.system_offsets import system_offsets
 from insgnss.filter.states.wanted import StateInputs
@@ -18,7 +19,7 @@ from insgnss.filter.states.zenith_delay import zenith_delay
 
 # the clock offsets come first: an observation names its own by number
 STATES: Final[tuple[Callable[[StateInputs], StateBlock | None], ...]] = (
-    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm, imu_time),
+    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm, imu_time, rate_lag),
     *SENSOR_ERRORS,
     range_biases,
 )

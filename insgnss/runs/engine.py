@@ -106,7 +106,7 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
-        self._installation = LiveInstallation(setup.layout)
+        self._installation = LiveInstallation(setup.layout, setup.config.process)
         super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
         self._declared = LiveDeclaredSigmas(self._setup.own)
         self._protection = LiveProtection(self, self._setup) if integrity else None

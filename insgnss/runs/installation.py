@@ -1,6 +1,7 @@
-"""Numbers of the installation that a run estimates: the antenna's lever arm, the IMU's time, its mounting.
+"""Numbers of the installation that a run estimates: the lever arm, the IMU's time, a lag of range rates, the mounting.
 
-Each is a state of the filter if the settings or the flight file declare it uncertain. It counts as determined when its
+Each is a state of the filter if the settings or the flight file declare it uncertain; time and lag are unless these
+declare them exact. It counts as determined when its
 sigma has fallen to a fifth of the declared one; ``insgnss check FLIGHT --run DIR`` then proposes the corrected keys.
 """
 
@@ -15,9 +16,12 @@ import pandas as pd
 
 from insgnss.config.changes import entry
 from insgnss.config.flight import FlightConfig
+from insgnss.config.process import Process
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, ResultError
 from insgnss.filter.layout import Layout
+from insgnss.filter.states.imu_time import ARRIVAL_SIGMA_S
+from insgnss.filter.states.rate_lag import LOOP_SIGMA_S
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.files import sha256
@@ -29,8 +33,11 @@ SIGNIFICANT: Final = 3.0  # sigmas
 PLAUSIBLE: Final = 4.0  # declared sigmas: a larger error is rarer than a wrong declaration
 _LEVER: Final = "gnss.lever_arm_m"
 _TIME: Final = "imu.time.offset_s"
+_LAG: Final = "gnss.range_rate_lag_s"
 _TIME_SIGMA: Final = ("filter", "process", "imu_time_sigma_s")
 _LEVER_SIGMA: Final = ("filter", "process", "lever_arm_sigma_m")
+_LAG_SIGMA: Final = ("filter", "process", "range_rate_lag_sigma_s")
+_ASSUMED: Final = {_TIME: ARRIVAL_SIGMA_S, _LAG: LOOP_SIGMA_S}  # where the settings leave it out
 # An error of one looks like one of the other where only one is a state: with tags 20 ms late a jet's lever arm was 154
 # sigmas off, with a lever arm 0.5 m too short its tags were 11 sigmas off
 _MISTAKEN: Final = {
@@ -52,6 +59,7 @@ class _InstallationNumber(NamedTuple):
 PARTS: Final = (
     *(_InstallationNumber(f"lever_arm_{axis}_m", _LEVER, i, _LEVER_SIGMA) for i, axis in enumerate("xyz")),
     _InstallationNumber("imu_time_offset_s", _TIME, None, _TIME_SIGMA),
+    _InstallationNumber("range_rate_lag_s", _LAG, None, _LAG_SIGMA),
     *(
         _InstallationNumber(
             column, f"{_SLIP}.{column}", None, ("flight", *_SLIP.split("."), "mounting_sd_deg")
@@ -69,11 +77,17 @@ class InstallationEstimate(NamedTuple):
     value: float  # to be added to the number
     sigma: float
     declared_sigma: float
+    assumed: bool  # the sigma is the filter's own, no setting
 
     @property
     def is_significant(self) -> bool:
         """Whether the number of the flight file is contradicted."""
         return abs(self.value) >= SIGNIFICANT * self.sigma
+
+    @property
+    def is_news(self) -> bool:
+        """Whether it was asked for, or differs from the flight file."""
+        return self.is_significant or not self.assumed
 
     @property
     def is_plausible(self) -> bool:
@@ -91,6 +105,9 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
     estimates = []
     for part in PARTS:
         declared = entry(settings, part.declared)
+        assumed = declared is None and part.key in _ASSUMED
+        if assumed:
+            declared = _ASSUMED[part.key]
         if part.column not in nav or not len(nav) or not isinstance(declared, int | float) or declared <= 0.0:
             continue
         sigma = nav[f"sd_{part.column}"].to_numpy()
@@ -98,23 +115,28 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
         if determined[-1]:
             since = len(sigma) - int(np.argmin(determined[::-1])) if not determined.all() else 0
             time_s, value = float(nav["time_s"].iloc[since]), float(nav[part.column].iloc[-1])
-            estimates.append(InstallationEstimate(part, time_s, value, float(sigma[-1]), float(declared)))
+            estimates.append(
+                InstallationEstimate(part, time_s, value, float(sigma[-1]), float(declared), assumed)
+            )
     return estimates
 
 
 def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: int) -> list[Event]:
-    """Return an event for each number of the installation whose error a run has determined."""
+    """Return an event for each number of the installation whose error a run has determined and that is news."""
     return [
         Event(int(week_seconds_to_ns(week, estimate.time_s)), "installation_known", estimate.words())
         for estimate in installation_estimates(nav, settings)
+        if estimate.is_news
     ]
 
 
 class LiveInstallation:
     """The same events of a streaming engine: each number of the installation once, when it is determined first."""
 
-    def __init__(self, layout: Layout) -> None:
-        """Take the declared sigmas from the states of the filter."""
+    def __init__(self, layout: Layout, process: Process) -> None:
+        """Take the sigmas from the states of the filter; ``process`` says which of them were declared."""
+        declared = {_TIME: process.imu_time_sigma_s, _LAG: process.range_rate_lag_sigma_s}
+        self._assumed = [key for key, sigma in declared.items() if sigma is None]
         parts = {part.column: part for part in PARTS}
         self._open = {
             column: (parts[column], block.sigma)
@@ -128,10 +150,11 @@ class LiveInstallation:
         new_events = []
         for column, (part, declared) in list(self._open.items()):
             sigma = float(values[f"sd_{column}"])
-            if sigma <= DETERMINED * declared:
+            time_s, value = t_ns % NS_PER_WEEK / NS_PER_S, float(values[column])
+            assumed = part.key in self._assumed
+            estimate = InstallationEstimate(part, time_s, value, sigma, declared, assumed)
+            if sigma <= DETERMINED * declared and estimate.is_news:
                 del self._open[column]
-                time_s = t_ns % NS_PER_WEEK / NS_PER_S
-                estimate = InstallationEstimate(part, time_s, float(values[column]), sigma, declared)
                 new_events.append(Event(t_ns, "installation_known", estimate.words()))
         return new_events
 
@@ -152,11 +175,15 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
         raise ResultError("the run's settings do not hold its flight", key="run", advice=advice)
     refuse_other_flight(run.settings, config)
     estimates = installation_estimates(run.nav, run.settings)
-    if not estimates:
-        text = "the run determined neither lever arm nor IMU time nor mounting"
+    findings = []
+    of_events = run.events[run.events["kind"] == "rates_late"]["detail"]
+    if len(of_events):  # the state is what the rates lag beyond the event's number
+        estimates = [estimate for estimate in estimates if estimate.part.key != _LAG]
+        findings.append(Finding("warning", "run", f"event rates_late: {of_events.iloc[-1]}"))
+    if not estimates and not findings:
+        text = "the run determined neither lever arm nor IMU time nor a lag of range rates nor mounting"
         advice = "process.lever_arm_sigma_m and process.imu_time_sigma_s make them states; they need turns and stops"
         return [Finding("ok", "run", text, advice)]
-    findings = []
     for key in dict.fromkeys(estimate.part.key for estimate in estimates):
         same = [estimate for estimate in estimates if estimate.part.key == key]
         now, then = _declared(config.model_dump(mode="json"), key), _declared(before, key)
@@ -164,7 +191,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
             advice = f"{key} has changed since the run: replay the flight again"
             findings += [Finding("warning", "run", estimate.words(), advice) for estimate in same]
         else:
-            findings += _findings_of_key(same, now, _are_both_states(estimates, run.settings))
+            findings += _findings_of_key(same, now, _are_both_states(estimates, run.nav))
     return findings
 
 
@@ -200,10 +227,10 @@ def refuse_other_flight(settings: Mapping[str, Any], config: FlightConfig) -> No
             )
 
 
-def _are_both_states(estimates: list[InstallationEstimate], settings: Mapping[str, Any]) -> bool:
+def _are_both_states(estimates: list[InstallationEstimate], nav: pd.DataFrame) -> bool:
     """Return whether a run had lever arm and IMU time as states, and determined no implausible error of either."""
     plausible = all(one.is_plausible for one in estimates if one.part.key in (_LEVER, _TIME))
-    return plausible and all(entry(settings, sigma) for sigma in (_LEVER_SIGMA, _TIME_SIGMA))
+    return plausible and all(part.column in nav for part in PARTS if part.key in (_LEVER, _TIME))
 
 
 def _findings_of_key(estimates: list[InstallationEstimate], now: Any, both: bool) -> list[Finding]:
@@ -222,14 +249,21 @@ def _findings_of_key(estimates: list[InstallationEstimate], now: Any, both: bool
     for estimate in estimates:
         if estimate.is_significant:
             why = f"determined by a run, sigma {estimate.sigma:.2g}"
-            proposal = Proposal(key, _corrected(significant, now), why)
+            proposed = _corrected(significant, now)
+            if key == _LAG and proposed < 0.0:
+                advice = (
+                    "range rates do not lead the motion: check the time tags of both logs and the lever arm"
+                )
+                findings.append(Finding("warning", "run", estimate.words(), advice))
+                continue
+            proposal = Proposal(key, proposed, why)
             findings.append(Finding("warning", "run", estimate.words(), "", sure, (proposal,)))
         else:
             findings.append(Finding("ok", "run", f"{estimate.words()}: {key} is not contradicted"))
     return findings
 
 
-def _corrected(estimates: list[InstallationEstimate], now: Any) -> float | tuple[float, ...]:
+def _corrected(estimates: list[InstallationEstimate], now: Any) -> Any:
     """Return the number of a key, or all of its numbers, with estimates added, each sum rounded to its sigma."""
     if estimates[0].part.place is None:
         return _rounded(float(now) + estimates[0].value, estimates[0].sigma)

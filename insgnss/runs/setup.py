@@ -32,6 +32,7 @@ def setup_filter(
     ``several`` includes the attitude stage of [attitude], as yet without phases.
     """
     with_carrier = logs.gnss.carrier_cycles is not None
+    config = _with_tags_of(flight, config)
     setup = _setup(flight, config, logs.navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
     seen, base = len(logs.gnss.sv_names), flight.config.gnss.base is not None and logs.base is not None
     setup = replace(setup, products=logs.products, antennas=logs.antennas, n_satellites=seen, with_base=base)
@@ -100,6 +101,13 @@ def _with_slow_errors_of(flight: Flight, config: FilterConfig) -> FilterConfig:
     if of_log is None or config.slow_errors != SlowErrorSizes():
         return config
     return config.model_copy(update={"slow_errors": of_log})
+
+
+def _with_tags_of(flight: Flight, config: FilterConfig) -> FilterConfig:
+    """Return the settings with exact inertial tags where nothing is declared of them and fixes alone measure."""
+    if config.process.imu_time_sigma_s is not None or flight.config.gnss.files:
+        return config
+    return config.model_copy(update={"process": config.process.model_copy(update={"imu_time_sigma_s": 0.0})})
 
 
 def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:

@@ -230,13 +230,14 @@ def test_growth_of_delays_given_beforehand_is_their_slope_within_each_arc() -> N
         (("G", "E"), False, {}, False),
         (("G", "G:L5"), True, {}, False),
         (("G",), True, {"measurements": {"ionosphere": "ionosphere_free"}}, False),
-        (("G",), True, {"process": {"ionosphere_sigma_m": 0.0}}, False),
+        (("G",), True, {"process": {"ionosphere_sigma_m": 0.0, "imu_time_sigma_s": 0.0}}, False),
     ],
 )
 def test_ionosphere_is_a_state_where_carriers_of_one_band_show_it(
     groups: tuple[str, ...], carrier: bool, changes: dict[str, Any], wanted: bool
 ) -> None:
-    config = FilterConfig.model_validate(filter_config("tight17").model_dump() | changes)
+    settings = filter_config("tight17", {"process.imu_time_sigma_s": 0.0})
+    config = FilterConfig.model_validate(settings.model_dump() | changes)
 
     layout = FilterSetup(config, TACTICAL, TCXO, clock_groups=groups, with_carrier=carrier).layout
 

@@ -162,7 +162,10 @@ def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, 
     out, _ = run_filter(setup, logs.imu, setup.rows(logs.gnss, setup.navigation), "imu")
     rows = out.nav[: out.counts[0].nav]
     shares = np.column_stack(list(slow_sigmas(rows).values()))
-    told = np.column_stack([total_values(rows), shares, out.optional[: len(rows)]])
+    further = (
+        out.optional[: len(rows)].reshape(len(rows), 2, -1).swapaxes(1, 2)
+    )  # each value before its sigma
+    told = np.column_stack([total_values(rows), shares, further.reshape(len(rows), -1)])
     nav = dict(zip(rows["t_ns"].tolist(), told, strict=True))
     engine = FilterEngine(setup)
     tables = {int(e.t_ns[0]): e for e in epochs(logs.gnss)}

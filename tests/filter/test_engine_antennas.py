@@ -40,11 +40,14 @@ class Flown(NamedTuple):
     logs: FlightLogs
     imu_time_sigma_s: float = 0.0
 
+    @property
+    def settings(self) -> dict[str, float]:
+        """The longer latency, and what is known of the tags."""
+        return {"latency_s": LATENCY_S, "process.imu_time_sigma_s": self.imu_time_sigma_s}
+
     def setup(self) -> FilterSetup:
-        """Return the filter's setup with the longer latency."""
-        settings = {"latency_s": LATENCY_S, "process.imu_time_sigma_s": self.imu_time_sigma_s}
-        config = filter_config("tight", settings)
-        return setup_filter(self.flight, self.logs, config)
+        """Return the filter's setup."""
+        return setup_filter(self.flight, self.logs, filter_config("tight", self.settings))
 
     def replayed(self, trace: TraceIntervals | None = None) -> tuple[Output, PhaseLog, list[Event]]:
         """Return what a replay writes: the loop's output, the phases with their ledger, and the events."""
@@ -246,7 +249,7 @@ def test_satellites_that_come_later_leave_the_order_of_the_rows(moving: Flown) -
 
 def test_settings_of_a_flight_file_take_the_antennas_and_say_what_they_leave(at_rest: Flown) -> None:
     pairs = {("G", "C1C")}
-    setup = engine_settings(at_rest.flight, settings={"latency_s": LATENCY_S}, signals=pairs)
+    setup = engine_settings(at_rest.flight, settings=at_rest.settings, signals=pairs)
 
     engine, results = stream(at_rest, arrivals(at_rest, MAIN_LAST), engine=Engine(setup))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from insgnss.config.filter import Process
+from insgnss.config.process import Process
 from insgnss.constants import NS_PER_S
 from insgnss.errors import MeasurementError
 from insgnss.filter.headings.heading_bank import add_to_state, difference

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insgnss.config.filter import SensorError
 from insgnss.config.flight import ImuGrade
 from insgnss.config.library import filter_config, imu_grade
+from insgnss.config.process import SensorError
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.diagnosis.resetting import inflate_bias_covariance
 from insgnss.filter.headings.motion import unknown_force
@@ -38,9 +38,14 @@ from tests.filter.test_start_covariance import T_NS, kinematics
 FORCE, RATE = np.array([1.0, -2.0, -9.0]), np.array([0.1, -0.2, 0.3])
 
 
+EXACT_TAGS = {"process.imu_time_sigma_s": 0.0}
+
+
 def full_layout(grade: ImuGrade | None = None) -> Layout:
     """Return the layout with every error of a sensor as a state, behind one clock offset."""
-    wanted = StateInputs(filter_config("tight"), ("G", "E"), False, grade or imu_grade("industrial"))
+    wanted = StateInputs(
+        filter_config("tight", EXACT_TAGS), ("G", "E"), False, grade or imu_grade("industrial")
+    )
     return layout_of(wanted)
 
 
@@ -89,7 +94,7 @@ def test_states_are_those_that_the_grade_has_and_the_settings_want() -> None:
     grade = imu_grade("industrial").model_copy(update={"gyro_misalignment_mrad": 0.0})
     layout = full_layout(grade)
     assert layout.names[1:] == [name for name in UNIT_OF_ERROR if name != "gyro_misalignment"]
-    config = filter_config("tight", {"process.sensor_error_states": ["accel_scale_factor"]})
+    config = filter_config("tight", {"process.sensor_error_states": ["accel_scale_factor"], **EXACT_TAGS})
     layout = layout_of(StateInputs(config, ("G",), False, imu_grade("industrial")))
     assert layout.names == ["accel_scale_factor"]
     left = sensor_model(imu_grade("industrial"), layout.names)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.filter import Adaptation, FilterConfig, HealthConfig, Measurements, NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.process import Process
 from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
@@ -80,6 +81,7 @@ def matched_setup() -> FilterSetup:
         measurements=Measurements(ionosphere="none", troposphere="none", elevation_mask_deg=0.0),
         pseudorange_noise_m=_noise(RANGE_NOISE),
         range_rate_noise_mps=_noise(RATE_NOISE),
+        process=Process(imu_time_sigma_s=0.0),
         adaptation=Adaptation(on=False),
         health=HealthConfig(
             suspicion_sigma=0.0

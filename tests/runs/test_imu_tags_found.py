@@ -1,4 +1,4 @@
-"""Inertial tags that nothing has declared to be off: found, then their offset is a state."""
+"""Inertial tags that are off though declared exact: found, and a state from then on. Tags that change: found anew."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ from insgnss.studies.outage.study import outage_study
 from insgnss.tables import ImuTable
 from tests.filter.test_engine import assert_same_bits, no_delay, stream
 from tests.runs.scenes import START_S, flight, kinds, turns, without_samples
-from tests.runs.test_imu_time import PLAIN, SETTINGS, found, with_late_imu
+from tests.runs.test_imu_time import EXACT, PLAIN, found, with_late_imu
 
 LATE_S = 0.05
-SURVEYED = {"process.lever_arm_sigma_m": 0.01}
+LEVER_KNOWN = {"process.lever_arm_sigma_m": 0.01}
+SURVEYED = {**LEVER_KNOWN, **EXACT}
 NAMES = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
 
 
@@ -58,7 +59,7 @@ def rms_over_sigma(run: Run, from_s: float) -> pd.Series:
 
 
 @pytest.mark.parametrize("by_s", [LATE_S, -LATE_S, 0.1])
-@pytest.mark.parametrize("settings, limit", [(SURVEYED, 1.8), ({}, stats.norm.isf(0.0005))])
+@pytest.mark.parametrize("settings, limit", [(SURVEYED, 1.8), (EXACT, stats.norm.isf(0.0005))])
 def test_offset_that_is_found_becomes_a_state_and_the_errors_fit_their_sigmas(
     by_s: float, settings: dict[str, float], limit: float
 ) -> None:
@@ -98,8 +99,8 @@ def changed(by_s: float) -> FlightInMemory:
 
 @pytest.mark.parametrize("by_s", [LATE_S, -LATE_S])
 def test_tags_that_change_leave_the_offset_unknown_again(by_s: float) -> None:
-    """It was a state from the start, and by then known to be none, to a millisecond."""
-    run = insgnss.replay(changed(by_s), settings={**SETTINGS, "process.lever_arm_sigma_m": 0.01})
+    """By then it was known to be none, to a millisecond."""
+    run = insgnss.replay(changed(by_s), settings=LEVER_KNOWN)
     at_s = found_s(run)
     assert START_S + 60.0 < at_s < START_S + 120.0
     assert not {"restart", "reset"} & set(kinds(run))
@@ -109,11 +110,11 @@ def test_tags_that_change_leave_the_offset_unknown_again(by_s: float) -> None:
 
 
 def test_stream_of_tags_that_change_has_the_same_bits() -> None:
-    assert_stream_has_the_same_bits(changed(LATE_S), "time_tag_suspect", SETTINGS)
+    assert_stream_has_the_same_bits(changed(LATE_S), "time_tag_suspect")
 
 
 def test_stream_of_such_samples_has_the_same_bits() -> None:
-    assert_stream_has_the_same_bits(late(), "time_tag_suspect")
+    assert_stream_has_the_same_bits(late(), "time_tag_suspect", EXACT)
 
 
 def test_smoother_leaves_the_epochs_before_as_the_filter_wrote_them() -> None:
@@ -132,21 +133,21 @@ def test_smoother_leaves_the_epochs_before_as_the_filter_wrote_them() -> None:
 
 def test_offset_stays_a_state_over_a_gap_in_the_samples() -> None:
     flown = late()
-    gap_s = found_s(insgnss.replay(flown)) - START_S + 30.0
+    gap_s = found_s(insgnss.replay(flown, settings=EXACT)) - START_S + 30.0
     imu = without_samples(flown.logs.imu, gap_s, gap_s + 3.0)
     with_gap = replace(flown, logs=replace(flown.logs, imu=imu))
-    run = insgnss.replay(with_gap)
+    run = insgnss.replay(with_gap, settings=EXACT)
     assert kinds(run).count("time_tag_suspect") == 1
     assert kinds(run).count("imu_gap") == 1
     assert rms_over_sigma(run, START_S + gap_s + 3.0).max() < 1.8
-    engine = FilterEngine(setup_filter(with_gap, with_gap.logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(with_gap, with_gap.logs, filter_config("tight17", EXACT)))
     stream(engine, with_gap.logs, no_delay())
-    assert_same_bits(engine.take_results(all_of_them=True), with_gap.logs, with_gap)
+    assert_same_bits(engine.take_results(all_of_them=True), with_gap.logs, with_gap, EXACT)
 
 
 def test_offset_that_is_a_state_already_is_doubted_and_without_room_it_does_not_become_one() -> None:
     flown = late()
-    setup = setup_filter(flown, flown.logs, filter_config("tight17"))
+    setup = setup_filter(flown, flown.logs, filter_config("tight17", EXACT))
     assert setup.may_estimate_imu_time
     wider = setup.with_imu_time(early=True)
     assert wider.may_estimate_imu_time and wider.with_imu_time(early=True).layout == wider.layout
@@ -193,21 +194,21 @@ def test_pseudoranges_say_whether_tags_are_early_or_range_rates_late(tags_s: flo
 
 def test_covariance_of_every_row_is_that_of_its_sigmas_while_the_states_change() -> None:
     """The row of the epoch at which they do had none: its work space was another one by then."""
-    run = insgnss.replay(late(), covariance=True)
+    run = insgnss.replay(late(), covariance=True, settings=EXACT)
     sd2 = run.nav["sd_n_m"].pow(2) - run.nav["sd_slow_n_m"].pow(2)
     np.testing.assert_allclose(run.nav["cov_n_n_m2"], sd2, rtol=1e-6)
 
 
 def test_outage_begins_from_a_filter_with_further_states() -> None:
     flown = late()
-    from_s = found_s(insgnss.replay(flown)) + 40.0
-    study = outage_study(flown, [(from_s, from_s + 10.0)])
+    from_s = found_s(insgnss.replay(flown, settings=EXACT)) + 40.0
+    study = outage_study(flown, [(from_s, from_s + 10.0)], settings=EXACT)
     assert len(study.windows) == 1
 
 
 def test_names_of_the_states_that_a_filter_may_add_are_refused() -> None:
     flown = late()
-    setup = setup_filter(flown, flown.logs, filter_config("tight17"))
+    setup = setup_filter(flown, flown.logs, filter_config("tight17", EXACT))
     for name, column in (("range_rate_lag", "x"), ("x", "imu_time_offset_s")):
         with pytest.raises(ConfigError, match="name of the filter's own states"):
             setup.with_further([StateBlock(name, (column,), "s", 1.0)])

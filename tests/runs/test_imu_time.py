@@ -25,8 +25,10 @@ from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_boun
 
 SIGMA_S = 0.02
 SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
+EXACT = {"process.imu_time_sigma_s": 0.0}
+NO_LAG = {"process.range_rate_lag_sigma_s": 0.0}
 # else the tags are suspected and the filter is set right, after many looks back
-PLAIN = {"health.recovery": False}
+PLAIN = {"health.recovery": False, **EXACT}
 
 
 @cache
@@ -76,7 +78,7 @@ def test_offset_is_found_in_turns_and_the_rows_stand_at_gps_time(smooth: bool) -
 def test_jet_with_20_ms_knows_them_to_a_fifth_of_a_millisecond() -> None:
     run, plain = (insgnss.replay(with_late_imu(jet(41), 0.02), settings=s) for s in (SETTINGS, PLAIN))
     value, sigma = found(run)
-    assert abs(value + 0.02) < 3.0 * sigma < 5e-4
+    assert abs(value + 0.02) < 3.0 * sigma < 6e-4
     assert ratio(run, "roll_deg") < 1.5 < ratio(plain, "roll_deg")
 
 
@@ -97,14 +99,31 @@ def heading_sigmas(run: insgnss.Run) -> float:
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, -0.05])
 def test_tags_by_arrival_do_not_turn_a_cars_heading(late_s: float) -> None:
-    """Tags that count as exact turn it in each corner."""
+    """Nothing is declared of the tags: exact ones turn the heading in each corner, and no test sees it.
+
+    In a car without carriers rates that lag are nearly the same: only where there can be no lag is the offset known.
+    """
     flown = with_late_imu(drive(7), late_s)
-    run, exact = (insgnss.replay(flown, settings=settings) for settings in (SETTINGS, PLAIN))
+    run, exact = insgnss.replay(flown), insgnss.replay(flown, settings=PLAIN)
     value, sigma = found(run)
-    assert abs(value + late_s) < 3.0 * sigma < 0.01
+    assert abs(value + late_s) < 3.0 * sigma < 0.04
     assert heading_sigmas(run) < 4.0 < 5.0 < heading_sigmas(exact)
+    value, sigma = found(insgnss.replay(flown, settings=NO_LAG))
+    assert abs(value + late_s) < 3.0 * sigma < 0.01
+
+
+def test_offset_that_differs_from_the_flight_file_is_news() -> None:
+    flown = with_late_imu(drive(7), 0.02)
+    run = insgnss.replay(flown, settings=NO_LAG)
     told = run.events.loc[run.events["kind"] == "installation_known", "detail"]
     assert len(told) == 1 and "imu_time_offset_s" in told.iloc[0]
+
+
+def test_tags_that_are_exact_are_not_news() -> None:
+    run = insgnss.replay(drive(8), settings=NO_LAG)
+    value, sigma = found(run)
+    assert abs(value) < 3.0 * sigma < 0.01
+    assert "installation_known" not in set(run.events["kind"])
 
 
 def shaken(flown: FlightInMemory, sigma_mps2: float) -> FlightInMemory:
@@ -118,7 +137,7 @@ def shaken(flown: FlightInMemory, sigma_mps2: float) -> FlightInMemory:
 @pytest.mark.parametrize("late_s", [0.05, -0.05])
 def test_vibration_does_not_pass_for_the_motion_that_shows_the_offset(late_s: float) -> None:
     """0.6 m/s^2 in a sample made 0.033 of 0.05 s, with a sigma of 0.0013."""
-    run = insgnss.replay(with_late_imu(shaken(drive(9), 0.6), late_s), settings=SETTINGS)
+    run = insgnss.replay(with_late_imu(shaken(drive(9), 0.6), late_s), settings=NO_LAG)
     value, sigma = found(run)
     assert abs(value + late_s) < 4.0 * sigma < 0.012
     assert heading_sigmas(run) < 4.0
@@ -184,7 +203,7 @@ def test_what_a_run_has_found_is_written_into_the_flight_file(tmp_path: Path) ->
 
 def test_run_without_doubts_has_found_nothing() -> None:
     flown = flight(turns(60.0), seed=5)
-    (finding,) = installation_findings(insgnss.replay(flown), flown.config)
+    (finding,) = installation_findings(insgnss.replay(flown, settings=EXACT), flown.config)
     assert finding.severity == "ok" and "process.imu_time_sigma_s" in finding.advice
 
 

@@ -24,7 +24,7 @@ from tests.runs.scenes import flight, turns
 LEVER = dict(zip(("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"), (0.5, 0.002, -0.3), strict=True))
 SIGMA_M = 0.2
 SIGMA_S = 0.02
-LEVER_ONLY = {"process.lever_arm_sigma_m": SIGMA_M}
+LEVER_ONLY = {"process.lever_arm_sigma_m": SIGMA_M, "process.imu_time_sigma_s": 0.0}
 BOTH = {**LEVER_ONLY, "process.imu_time_sigma_s": SIGMA_S}
 
 
@@ -40,20 +40,27 @@ def run_of(
     *,
     sigma: float = 0.01,
     settings: dict[str, Any] | None = None,
+    events: dict[str, str] | None = None,
 ) -> insgnss.Run:
     """Return a run of three rows that has come to some estimates, each with one sigma of ``sigma`` declared ones."""
-    names = {"lever": "process.lever_arm_sigma_m", "imu": "process.imu_time_sigma_s"}
+    names = {
+        "lever": "process.lever_arm_sigma_m",
+        "imu": "process.imu_time_sigma_s",
+        "range": "process.range_rate_lag_sigma_s",
+    }
     columns: dict[str, list[float]] = {"time_s": [293_700.0, 293_701.0, 293_702.0]}
     for name, value in estimates.items():
         columns[name] = [value] * 3
         columns[f"sd_{name}"] = [sigma * changes[names[name.split("_")[0]]]] * 3
+    events = events or {}
+    told = pd.DataFrame({"time_s": 293_701.0, "kind": list(events), "detail": list(events.values())})
     empty = pd.DataFrame({"time_s": []})
     given = {
         "flight": config.model_dump(mode="json"),
         "filter": filter_config("tight", changes).model_dump(mode="json"),
         "input_sha256": {},
     }
-    return insgnss.Run(pd.DataFrame(columns), empty, empty, empty, settings=given | (settings or {}))
+    return insgnss.Run(pd.DataFrame(columns), empty, empty, told, settings=given | (settings or {}))
 
 
 def proposed(findings: list[Finding]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -79,7 +86,29 @@ def test_time_is_likely_where_the_run_took_the_lever_arm_as_exact_and_sure_else(
     likely, sure = proposed(alone)
     assert likely == {"imu.time.offset_s": pytest.approx(-0.03)} and not sure
     assert "process.lever_arm_sigma_m" in alone[0].sure
-    assert proposed(installation_findings(run_of(config, late, BOTH), config))[1] == likely
+    none = dict.fromkeys(LEVER, 0.0)
+    assert proposed(installation_findings(run_of(config, {**late, **none}, BOTH), config))[1] == likely
+
+
+LAG = {"process.range_rate_lag_sigma_s": 0.05}
+
+
+def test_lag_of_the_range_rates_is_proposed_unless_they_would_lead_the_motion(config: FlightConfig) -> None:
+    late = installation_findings(run_of(config, {"range_rate_lag_s": 0.12}, LAG), config)
+    assert proposed(late)[1] == {"gnss.range_rate_lag_s": pytest.approx(0.12)}
+    (leads,) = installation_findings(run_of(config, {"range_rate_lag_s": -0.02}, LAG), config)
+    assert leads.severity == "warning" and not leads.proposals and "lead" in leads.advice
+    gnss = config.gnss.model_copy(update={"range_rate_lag_s": 0.2})
+    declared = config.model_copy(update={"gnss": gnss})
+    none = installation_findings(run_of(declared, {"range_rate_lag_s": -0.2}, LAG), declared)
+    assert proposed(none)[1] == {"gnss.range_rate_lag_s": pytest.approx(0.0)}
+
+
+def test_lag_beside_that_of_an_event_is_not_proposed_for_the_flight_file(config: FlightConfig) -> None:
+    """The state is what the rates lag beyond the number that the event names."""
+    found = run_of(config, {"range_rate_lag_s": 0.02}, LAG, events={"rates_late": "lag 0.31 s"})
+    (finding,) = installation_findings(found, config)
+    assert finding.severity == "warning" and not finding.proposals and "lag 0.31 s" in finding.text
 
 
 def test_only_components_that_are_contradicted_are_changed(config: FlightConfig) -> None:

@@ -103,6 +103,31 @@ def test_lag_that_is_declared_is_no_fault() -> None:
 
 def test_lag_that_is_declared_but_not_there_is_found_not_to_be() -> None:
     run = insgnss.replay(declared(with_logs(), LAG_S))
-    (found,) = re.findall(r"lag ([\d.]+) s", told(run, LATE)[-1]) or ["0.0"]
-    assert float(found) < 0.05
+    (detail,) = told(run, "installation_known")
+    (found,) = re.findall(r"range_rate_lag_s is ([-+\d.]+)", detail)
+    assert float(found) == pytest.approx(-LAG_S, abs=0.01)
     assert sigmas(run, FAULT_S, POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
+def lagging_from_the_start(lag_s: float) -> FlightInMemory:
+    """Return a shorter sample flight whose range rates are of an earlier time, five turns."""
+
+    def change(gnss: GnssTable, rows: np.ndarray) -> None:
+        t, was = seconds(gnss.t_ns), gnss.doppler_hz.copy()
+        for sv in np.unique(gnss.sv):
+            own = np.flatnonzero(gnss.sv == sv)
+            gnss.doppler_hz[own] = np.interp(t[own] - lag_s, t[own], was[own])
+
+    return with_rows(change)
+
+
+@pytest.mark.parametrize("lag_s", [0.03, 0.05])
+def test_lag_from_the_start_is_estimated_and_does_not_pass_for_early_tags(lag_s: float) -> None:
+    run = insgnss.replay(lagging_from_the_start(lag_s))
+    last = run.nav.iloc[-1]
+    for column, truth in (("range_rate_lag_s", lag_s), ("imu_time_offset_s", 0.0)):
+        # Doppler that is linear between epochs a second apart lags by a little more or less than it should
+        assert abs(last[column] - truth) < 4.0 * last[f"sd_{column}"] < 0.02
+    assert not {"time_tag_suspect", "sensor_suspect", "reset"} & set(run.events["kind"])
+    assert sigmas(run, 100.0, POSITION, VELOCITY, ATTITUDE) < 5.0
+    assert "range_rate_lag_s" in told(run, "installation_known")[0]

@@ -16,7 +16,7 @@ from tests.runs.scenes import flight, turns
 from tests.statistics_bounds import assert_mean_chi_square, nees
 
 SIGMA_M = 0.5
-SETTINGS = {"process.lever_arm_sigma_m": SIGMA_M}
+SETTINGS = {"process.lever_arm_sigma_m": SIGMA_M, "process.imu_time_sigma_s": 0.0}
 PLAIN = {"health.recovery": False}  # else a sensor is blamed for the wrong lever arm, after many looks back
 
 

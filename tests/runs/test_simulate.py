@@ -261,3 +261,9 @@ def test_command_writes_the_folder_and_tells_of_it(tmp_path: Path) -> None:
     assert clean.exit_code == 0
     unknown = CliRunner().invoke(app, ["simulate", "city_cat", "-o", str(tmp_path)])
     assert unknown.exit_code == 2
+
+
+def test_duration_beyond_the_scenario_is_told(tmp_path: Path) -> None:
+    call = ["simulate", str(scenario(tmp_path, MOVING)), "--duration", "600", "-o", str(tmp_path / "made")]
+    result = CliRunner().invoke(app, call)
+    assert "the scenario ends before the 600 s of --duration" in result.output, result.output

@@ -266,10 +266,11 @@ def test_noise_that_rises_at_a_stroke_is_noise(times: float) -> None:
 # ------------------------------------------------------------------------------------------------ time tags, the end
 
 
-def test_inertial_tags_that_are_50_ms_late_are_told() -> None:
+def test_inertial_tags_that_are_declared_exact_and_50_ms_late_are_told() -> None:
     _, logs = sample()
     late = with_logs(imu=ImuTable(logs.imu.t_ns + 50_000_000, logs.imu.w_ib_b, logs.imu.f_b))
-    run = insgnss.replay(replace(late, logs=shortened(late.logs, 300.0)))
+    short = replace(late, logs=shortened(late.logs, 300.0))
+    run = insgnss.replay(short, settings={"process.imu_time_sigma_s": 0.0})
     assert "inertial time tags" in told(run, "time_tag_suspect")[0]
     detail = told(run, "time_tag_suspect")[0]
     late_s, along_m = map(
@@ -395,7 +396,7 @@ def test_fix_that_reflections_agree_on_is_not_taken() -> None:
     assert position_m(run, FAULT_S) < 10.0
 
 
-@pytest.mark.parametrize(("seed", "fault_mg"), [(63, 100.0), (62, 300.0)])
+@pytest.mark.parametrize(("seed", "fault_mg"), [(63, 100.0), (64, 300.0)])
 def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(seed: int, fault_mg: float) -> None:
     """Along the way of a jet, between two epochs: after half a second no row fits any more, and a fix is at hand."""
     _, _, flown = drawn(Row("jet", "jet", "fast_jet", (), "navigation"), seed)

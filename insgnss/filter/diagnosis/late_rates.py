@@ -11,8 +11,8 @@ import numpy as np
 from insgnss.filter.diagnosis.hindsight import Hindsight, Verdict, log_likelihood_of
 from insgnss.filter.diagnosis.supposed_faults import LATE_RATES, SURE
 from insgnss.filter.rows.late_rates import set_lag
-from insgnss.filter.state import Bank, copy_bank
-from insgnss.filter.states.rate_lag import RATE_LAG
+from insgnss.filter.state import OFFSETS, Bank, copy_bank, forget_state
+from insgnss.filter.states.rate_lag import LOOP_SIGMA_S, RATE_LAG
 
 _SHORTEST_LAG_S: Final = 0.02  # noise alone estimates some milliseconds
 _LATE_S: Final = (0.03, 0.1, 0.3, 1.0)
@@ -24,10 +24,9 @@ _HALVINGS: Final = 5  # so often the way to the next, on a logarithmic scale: th
 def late_rates(again: Hindsight) -> Iterator[Verdict]:
     """Yield the results for range rates that lag by some times since the likeliest onset.
 
-    A known lag is tried too, and none. The likelihoods are means over the onsets. A lag that is a state needs no trial.
+    A known lag is tried too, and none. The likelihoods are means over the onsets. A lag that is a state starts again:
+    it is what the one that is tried leaves.
     """
-    if again.setup.layout.at(RATE_LAG) >= 0:
-        return
     known_s = float(again.before[-1].state[0].rates_late_s)
     coarse_s = (0.0, known_s) if known_s else ()
     onsets = again.before[:-1:2]
@@ -39,7 +38,16 @@ def late_rates(again: Hindsight) -> Iterator[Verdict]:
     best = int(np.argmax(largest))
     less = float(np.logaddexp.reduce(largest - largest[best])) - math.log(len(onsets))
     for verdict in _refined(again, onsets[best], results[best]):
+        _as_one_number(verdict.bank, again.setup.layout.at(RATE_LAG))
         yield verdict._replace(log_likelihood=verdict.log_likelihood + less)
+
+
+def _as_one_number(bank: Bank, at: int) -> None:
+    """Add what a state has found beside a lag to this, so that the state is zero again."""
+    if at >= 0:
+        m = bank.state[0]
+        m.rates_late_s = max(m.rates_late_s + m.optional[at - OFFSETS], 0.0)
+        m.optional[at - OFFSETS] = 0.0
 
 
 def _longer(again: Hindsight, onset: Bank) -> list[Verdict]:
@@ -65,10 +73,13 @@ def _refined(again: Hindsight, onset: Bank, verdicts: list[Verdict]) -> list[Ver
 
 def _results(again: Hindsight, onset: Bank, tried_s: tuple[float, ...]) -> list[Verdict]:
     """Return the results for rates that lag from ``onset`` on by each of some times."""
-    found = []
+    found, at = [], again.setup.layout.at(RATE_LAG)
     for late_s in tried_s:
         bank = copy_bank(onset)
         set_lag(bank, late_s)
+        if at >= 0:
+            bank.state[0].optional[at - OFFSETS] = 0.0
+            forget_state(bank, 0, at, LOOP_SIGMA_S**2)
         verdict = again.verdict(LATE_RATES, bank, again.stretches)
         if verdict is not None:
             found.append(verdict._replace(size=late_s))

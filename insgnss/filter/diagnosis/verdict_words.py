@@ -114,8 +114,7 @@ def _of_tags(verdict: Verdict) -> str:
             LEVER_ARM: "an error of the lever arm",
         }
         states = [words for block, words in named.items() if verdict.setup.layout.at(block) >= 0]
-        what = f"{' and '.join(states)} as {'a state' if len(states) == 1 else 'states'}"
-        sigmas = f"the last minute is recomputed with {what} (from the start: process.imu_time_sigma_s)"
+        sigmas = f"the last minute is recomputed with {' and '.join(states)} unknown"
     along_m = size * float(np.linalg.norm(verdict.bank.state[0].v_e))
     return (
         f"the inertial time tags are about {size:.2f} s {signs[0]}, or the GNSS tags {signs[1]}: the residuals"

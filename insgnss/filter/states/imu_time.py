@@ -22,13 +22,15 @@ from insgnss.tables import Float64
 
 IMU_TIME: Final = "imu_time"
 _COLUMNS: Final = ("imu_time_offset_s",)
+ARRIVAL_SIGMA_S: Final = 0.02  # of tags by a logger that takes the time when a sample arrives
 # of a filter that has found the tags to be off
 UNKNOWN_IMU_TIME: Final = StateBlock(IMU_TIME, _COLUMNS, "s", 0.1, shown=False)
 
 
 def imu_time(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings doubt the IMU's tags; what has to be added to them, as in the flight file."""
-    sigma = wanted.config.process.imu_time_sigma_s
+    declared = wanted.config.process.imu_time_sigma_s
+    sigma = ARRIVAL_SIGMA_S if declared is None else declared
     return StateBlock(IMU_TIME, _COLUMNS, "s", sigma) if sigma > 0.0 else None
 
 

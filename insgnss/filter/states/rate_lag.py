@@ -2,8 +2,8 @@
 
 A range rate is that of the antenna's velocity T earlier, so it grows with T by u . a less the satellite's part of the
 range's acceleration (``rows.late_rates``). Early inertial tags do the same to it, but in motion they change the
-pseudoranges, too: where both are states, pseudoranges and carriers say which it is. It needs the state of the tags'
-offset. No setting asks for it: a filter that has found such tags goes on with both.
+pseudoranges, too: where both are states, pseudoranges and carriers say which it is. So each comes with the other, from
+the start or when a filter has found such tags.
 """
 
 from __future__ import annotations
@@ -11,6 +11,23 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.layout import StateBlock
+from insgnss.filter.states.imu_time import imu_time
+from insgnss.filter.states.wanted import StateInputs
 
 RATE_LAG: Final = "range_rate_lag"
-UNKNOWN_RATE_LAG: Final = StateBlock(RATE_LAG, ("range_rate_lag_s",), "s", 0.1, shown=False)
+_COLUMNS: Final = ("range_rate_lag_s",)
+LOOP_SIGMA_S: Final = 0.05  # of a receiver's loops
+# of a filter that has found tags to be off
+UNKNOWN_RATE_LAG: Final = StateBlock(RATE_LAG, _COLUMNS, "s", 0.1, shown=False)
+
+
+def rate_lag(wanted: StateInputs) -> StateBlock | None:
+    """Return the block where the settings doubt the lag, or nothing is declared of it and they doubt the IMU's tags.
+
+    The state is added to a declared lag.
+    """
+    sigma = wanted.config.process.range_rate_lag_sigma_s
+    if sigma is None:
+        sigma = LOOP_SIGMA_S if imu_time(wanted) is not None else 0.0
+    uses_rates = wanted.config.measurements.range_rate
+    return StateBlock(RATE_LAG, _COLUMNS, "s", sigma) if uses_rates and sigma > 0.0 else None

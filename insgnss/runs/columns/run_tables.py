@@ -32,8 +32,11 @@ ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (c
 lever_arm_x_m lever_arm_y_m lever_arm_z_m: estimated correction to the antenna's lever arm in the flight file,
   forward, right, down; with `process.lever_arm_sigma_m`
 sd_lever_arm_x_m sd_lever_arm_y_m sd_lever_arm_z_m: one sigma of these
-imu_time_offset_s: estimated correction to the IMU's tags, to be added to them; with `process.imu_time_sigma_s`
+imu_time_offset_s: estimated correction to the IMU's tags, to be added to them
 sd_imu_time_offset_s: one sigma of it
+range_rate_lag_s: estimated time by which range rates lag behind the motion, to be added to `gnss.range_rate_lag_s`, or
+  to the number of the last event `rates_late`
+sd_range_rate_lag_s: one sigma of it
 mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
   the rows `non_holonomic` of `[vehicle]`
 leeway_deg: lasting angle from heading to course, due to leeway, current or wind; with the rows `course` of `[vehicle]`

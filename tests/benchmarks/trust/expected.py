@@ -7,14 +7,10 @@ from typing import Final
 
 from tests.benchmarks.trust.rows import Mark
 
-BEFORE: Final = "the offset becomes a state when it is found: see the row with _state"
-
 IN_TURNS: Final = "the lever arm becomes a state when the first turns have shown that it is wrong"
 
 # faults that are mended once they are found
 LATER: Final = (
-    Mark("fault_imu_50ms", "worst velocity all", BEFORE),
-    Mark("fault_imu_early", "worst *", BEFORE),
     Mark("fault_lever_arm_car", "no false heading", IN_TURNS),
     Mark("fault_lever_arm", "no false heading", IN_TURNS, in_tests=False),
 )
