@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from insgnss.config.quantities import NotNegative, Positive
 from insgnss.config.strict import StrictModel
@@ -85,3 +85,12 @@ class Process(StrictModel):
         description="sigma of the time by which range rates lag behind the motion, beyond gnss.range_rate_lag_s; it is"
         " estimated; 0: exact; left out: 0.05 s where the IMU's time offset is estimated, else 0",
     )
+
+    @model_validator(mode="after")
+    def _lag_comes_with_the_offset(self) -> Self:
+        if self.range_rate_lag_sigma_s and self.imu_time_sigma_s == 0.0:
+            raise ValueError(
+                "range_rate_lag_sigma_s > 0 with imu_time_sigma_s = 0: a lag is estimated only beside the IMU's time"
+                " offset, whose effect is nearly the same"
+            )
+        return self

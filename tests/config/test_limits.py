@@ -94,6 +94,13 @@ def test_imu_time_is_uncertain_by_at_most_what_the_linearisation_holds() -> None
     assert "imu.time.offset_s" in refused.value.advice
 
 
+def test_lag_of_the_range_rates_is_uncertain_only_beside_the_imu_time() -> None:
+    lag = {"process.range_rate_lag_sigma_s": 0.02}
+    assert filter_config("tight", lag).process.range_rate_lag_sigma_s == 0.02
+    with pytest.raises(ConfigError, match="beside the IMU's time"):
+        filter_config("tight", {**lag, "process.imu_time_sigma_s": 0.0})
+
+
 @pytest.mark.parametrize("key", ["process.lever_arm_sigma_m", "gaps.restart_s", "start.window_s"])
 def test_setting_beyond_any_use_is_refused(key: str) -> None:
     """With a limit of its own or without."""

@@ -54,7 +54,7 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " receiver smooths them, or dates them too late. The lag is used from now on, and the last minute is"
             f" recomputed with it; gnss.range_rate_lag_s = {late_s:.2f} makes it known from the start"
         )
-        if late_s == 0.0:
+        if late_s < 0.005:  # none, as it is written
             detail = (
                 "the range rates do not lag behind the motion, as was declared or found before: the last minute is"
                 " recomputed without a lag (check gnss.range_rate_lag_s)"

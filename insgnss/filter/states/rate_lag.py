@@ -2,8 +2,8 @@
 
 A range rate is that of the antenna's velocity T earlier, so it grows with T by u . a less the satellite's part of the
 range's acceleration (``rows.late_rates``). Early inertial tags do the same to it, but in motion they change the
-pseudoranges, too: where both are states, pseudoranges and carriers say which it is. So each comes with the other, from
-the start or when a filter has found such tags.
+pseudoranges, too: where both are states, pseudoranges and carriers say which it is. So the lag is a state only beside
+the offset of the tags, from the start or when a filter has found them to be early. It adds to a declared lag.
 """
 
 from __future__ import annotations
@@ -22,12 +22,9 @@ UNKNOWN_RATE_LAG: Final = StateBlock(RATE_LAG, _COLUMNS, "s", 0.1, shown=False)
 
 
 def rate_lag(wanted: StateInputs) -> StateBlock | None:
-    """Return the block where the settings doubt the lag, or nothing is declared of it and they doubt the IMU's tags.
-
-    The state is added to a declared lag.
-    """
-    sigma = wanted.config.process.range_rate_lag_sigma_s
-    if sigma is None:
-        sigma = LOOP_SIGMA_S if imu_time(wanted) is not None else 0.0
-    uses_rates = wanted.config.measurements.range_rate
-    return StateBlock(RATE_LAG, _COLUMNS, "s", sigma) if uses_rates and sigma > 0.0 else None
+    """Return the block where the settings doubt the IMU's tags and use range rates."""
+    if imu_time(wanted) is None or not wanted.config.measurements.range_rate:
+        return None
+    declared = wanted.config.process.range_rate_lag_sigma_s
+    sigma = LOOP_SIGMA_S if declared is None else declared
+    return StateBlock(RATE_LAG, _COLUMNS, "s", sigma) if sigma > 0.0 else None
