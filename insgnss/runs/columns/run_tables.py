@@ -121,7 +121,7 @@ EVENTS: Final = Sheet(
     """
 time_s: seconds of the GPS week; empty if the event concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, start_waits (for half a minute or more, and why), ...;
-  installation_known (lever arm, IMU time or mounting, where
+  installation_known (lever arm, IMU time, lag of the range rates or mounting, where
   its sigma has fallen to a fifth of the declared one); of further sensors sensor_refused (for ten
   seconds and more), sensor_agrees (again), sensor_stepped (its own error, a barometer's offset),
   sensor_frozen, sensor_beyond_sigma (an error of four times what the flight file declares),
