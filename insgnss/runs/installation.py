@@ -43,6 +43,7 @@ _ASSUMED: Final = {_TIME: ARRIVAL_SIGMA_S, _LAG: LOOP_SIGMA_S}  # where the sett
 _MISTAKEN: Final = {
     _LEVER: "an error of the IMU's time tags looks like a lever arm; replay with process.imu_time_sigma_s as well",
     _TIME: "an error of the lever arm looks like late time tags; replay with process.lever_arm_sigma_m as well",
+    _LAG: "in turns an error of the lever arm looks like a lag; replay with process.lever_arm_sigma_m as well",
 }
 _SLIP: Final = "vehicle.non_holonomic"
 

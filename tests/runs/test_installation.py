@@ -95,13 +95,14 @@ LAG = {"process.range_rate_lag_sigma_s": 0.05}
 
 def test_lag_of_the_range_rates_is_proposed_unless_they_would_lead_the_motion(config: FlightConfig) -> None:
     late = installation_findings(run_of(config, {"range_rate_lag_s": 0.12}, LAG), config)
-    assert proposed(late)[1] == {"gnss.range_rate_lag_s": pytest.approx(0.12)}
+    assert proposed(late) == ({"gnss.range_rate_lag_s": pytest.approx(0.12)}, {})
+    assert "lever_arm" in late[0].sure
     (leads,) = installation_findings(run_of(config, {"range_rate_lag_s": -0.02}, LAG), config)
     assert leads.severity == "warning" and not leads.proposals and "lead" in leads.advice
     gnss = config.gnss.model_copy(update={"range_rate_lag_s": 0.2})
     declared = config.model_copy(update={"gnss": gnss})
     none = installation_findings(run_of(declared, {"range_rate_lag_s": -0.2}, LAG), declared)
-    assert proposed(none)[1] == {"gnss.range_rate_lag_s": pytest.approx(0.0)}
+    assert proposed(none)[0] == {"gnss.range_rate_lag_s": pytest.approx(0.0)}
 
 
 def test_lag_beside_that_of_an_event_is_not_proposed_for_the_flight_file(config: FlightConfig) -> None:
