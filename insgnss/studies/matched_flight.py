@@ -271,7 +271,7 @@ def _flown(scenario: str | None, duration_s: float) -> tuple[Trajectory, Navigat
 
 
 def _config() -> FilterConfig:
-    """Return the library's filter with white noise, in empty air, not adapting."""
+    """Return the library's filter with white noise, in empty air, not adapting, whose tags are exact."""
     base = filter_config("tight")
     use = base.measurements.model_copy(
         update={"ionosphere": "none", "troposphere": "none", "elevation_mask_deg": 0.0, "carrier": False}
@@ -282,9 +282,9 @@ def _config() -> FilterConfig:
     }
     faults = base.faults.model_copy(update={"reflected_below_db": 0.0})
     adaptation = base.adaptation.model_copy(update={"on": False})
-    return base.model_copy(
-        update={"name": "", "measurements": use, "faults": faults, "adaptation": adaptation, **noise}
-    )
+    process = base.process.model_copy(update={"imu_time_sigma_s": 0.0})
+    updated = {"measurements": use, "faults": faults, "adaptation": adaptation, "process": process, **noise}
+    return base.model_copy(update={"name": "", **updated})
 
 
 def _drawn_noise(config: FilterConfig, kind: str, factor: float) -> NoiseTerms:

@@ -33,7 +33,7 @@ N_FLIGHTS = 30
 
 def tight17(**sizes: Any) -> FilterConfig:
     """Return the library's filter with slow errors of these sizes alone."""
-    config = filter_config("tight17", {"adaptation.reflection_time_s": 0.0})
+    config = filter_config("tight17", {"adaptation.reflection_time_s": 0.0, "process.imu_time_sigma_s": 0.0})
     return config.model_copy(update={"slow_errors": NO_SLOW_ERRORS.model_copy(update=sizes)})
 
 
