@@ -195,7 +195,7 @@ class MatchedFlight(ResultDisplay):
         truth = log.at_gnss
         white = np.zeros(N_STATES) if rng is None else rng.standard_normal(N_STATES)
         e = np.linalg.cholesky(self.P0) @ white
-        bank = new_bank(1, 0)
+        bank = new_bank(1, self.setup.layout.n_optional)
         m: StateRecord = bank.state[0]
         m.r_e[:] = truth.r_e[0] + e[DR : DR + 3]
         m.v_e[:] = truth.v_e[0] + e[DV : DV + 3]
