@@ -155,7 +155,7 @@ def against_receiver(loaded: Flight, settled_s: float) -> pd.DataFrame:
     A value is carried on from the last inertial sample before its epoch.
     """
     gnss = loaded.read().gnss
-    # every sample; the aid predicts the Doppler that is there, the filter what a receiver that lags makes of it
+    # an aid at every sample. It predicts the Doppler at the antenna; the filter would add the receiver's lag
     run = insgnss.replay(loaded, settings={"process.range_rate_lag_sigma_s": 0.0}, aiding=1000)
     assert run.aiding is not None
     codes = filter_config("tight17").aiding.signals

@@ -40,7 +40,7 @@ def banked_flight() -> FlightInMemory:
 
 @cache
 def banked(supervise: bool = True, aiding: float | None = None, bias_alone: bool = False) -> Run:
-    # a supervisor predicts what is there at the tags' time, the filter what tags and a receiver that lag make of it
+    # the supervisor predicts the signal at the time of the tags; the filter would add their offset and the lag
     exact = {"process.imu_time_sigma_s": 0.0}
     settings = {**exact, "process.sensor_error_states": []} if bias_alone else exact
     return insgnss.replay(banked_flight(), settings=settings, supervise=supervise, aiding=aiding)

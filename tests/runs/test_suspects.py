@@ -396,7 +396,7 @@ def test_fix_that_reflections_agree_on_is_not_taken() -> None:
     assert position_m(run, FAULT_S) < 10.0
 
 
-@pytest.mark.parametrize(("seed", "fault_mg"), [(63, 100.0), (64, 300.0)])
+@pytest.mark.parametrize(("seed", "fault_mg"), [(63, 100.0), (62, 300.0)])
 def test_accelerometer_that_fails_at_once_is_named_in_place_of_a_reset(seed: int, fault_mg: float) -> None:
     """Along the way of a jet, between two epochs: after half a second no row fits any more, and a fix is at hand."""
     _, _, flown = drawn(Row("jet", "jet", "fast_jet", (), "navigation"), seed)
