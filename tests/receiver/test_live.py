@@ -19,7 +19,7 @@ from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import GnssTable
 from tests.aiding.arriving import feed
-from tests.receiver.test_replay import banked, banked_flight
+from tests.receiver.test_replay import banked_flight
 from tests.runs.scenes import START_NS
 
 LATE_NS = 150_000_000
@@ -30,6 +30,11 @@ BLIND_S = (39.5, 44.5)  # epochs of a receiver that tracks nothing
 def engine_of(flown: FlightInMemory) -> insgnss.Engine:
     setup = setup_filter(flown, flown.logs, filter_config("tight"))
     return insgnss.Engine(setup, supervise=True)
+
+
+@cache
+def replayed() -> Run:
+    return insgnss.replay(banked_flight(), supervise=True)
 
 
 @cache
@@ -73,7 +78,7 @@ def _plain(column: pd.Series) -> np.ndarray:
 def test_live_decisions_have_the_bits_of_the_replay(epoch_first: bool, late_ns: int) -> None:
     found = decided(banked_flight(), epoch_first=epoch_first, late_ns=late_ns)
 
-    assert_same_decisions(found, banked())
+    assert_same_decisions(found, replayed())
     assert len(found.supervision) >= 600 and "hidden" in set(found.transitions["reason"].astype("str"))
 
 
@@ -104,7 +109,7 @@ def test_supervised_engine_has_the_state_of_the_replay_and_gives_each_decision_o
             break
         if t_ns == epochs[0].t_ns[0]:
             pieces += arrived_in_parts(engine, epochs.pop(0))
-    run = banked()
+    run = replayed()
     together = pd.concat([piece.supervision for piece in pieces], ignore_index=True)
     last_s = together["time_s"].iloc[-1]
     wanted = run.supervision[run.supervision["time_s"] <= last_s]
