@@ -10,6 +10,7 @@ import pytest
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream, ScreenedLog, screened
+from insgnss.filter.imu.sensor_outage import WINDOW
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event, ImuTable
@@ -252,6 +253,24 @@ def test_gyros_back_after_long_begin_anew_and_accelerometers_do_not(rng: np.rand
         table = log(rng, times(0.01, 9000, 0.0, rng))
         getattr(table, sensor)[2000:8000] = 0.0
         assert len(screened(table, setup()).cuts) == cuts
+
+
+@pytest.mark.parametrize("value", [None, 0.0], ids=["held", "zero"])
+@pytest.mark.parametrize(("sensor", "name"), [("w_ib_b", "gyros"), ("f_b", "accelerometers")])
+def test_sensor_dead_from_the_beginning_is_out_and_begins_anew(
+    sensor: str, name: str, value: float | None, rng: np.random.Generator
+) -> None:
+    """The other sensor shows that the log is not one without noise; what was levelled without it is not kept."""
+    table = log(rng, times(0.01, 3000, 0.0, rng))
+    x = getattr(table, sensor)
+    x[:2000] = x[0] if value is None else value
+    found = screened(table, setup())
+    assert kinds(found) == ["imu_sensor_out", "imu_sensor_back", "restart"]
+    assert f"the {name} (body axes x, y, z) hold" in found.events[0].detail
+    assert f"the {name} are back" in found.events[2].detail
+    column = 0 if sensor == "w_ib_b" else 1
+    assert np.all(found.imu.unknown[WINDOW + 2 : 2000, column] > 0.0)
+    assert [first for first, _ in found.cuts] == [2000]
 
 
 def test_coarse_sensor_at_rest_is_not_out(rng: np.random.Generator) -> None:

@@ -76,7 +76,8 @@ class ScreeningReporter:
             begin_ns = int(edit["axes"])
             return restart_event(begin_ns, begin_ns + round(size * NS_PER_S))
         if kind == CUT:
-            detail = "the gyros are back, but the attitude is lost: the filter restarts from the next fix"
+            back = _SENSORS[int(edit["axes"])]
+            detail = f"the {back} are back, but the attitude is lost: the filter restarts from the next fix"
             return Event(t_ns, "restart", detail)
         if kind == BAD_SAMPLE and size == 1.0:
             detail = (

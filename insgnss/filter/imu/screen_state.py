@@ -27,7 +27,7 @@ SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`
 BRIDGE: Final = 3
 BRIDGE_TOLD: Final = 4  # the same, and long enough to be reported
 # too long to bridge: the filter restarts with this sample. After a gap it is as BRIDGE, for a smoother; where samples
-# went on, ``amount`` is 0 and ``unknown`` begins with the variance of the rotation
+# went on, ``amount`` is 0, ``unknown`` begins with the variance of the rotation and ``axes`` is the sensor that was out
 CUT: Final = 5
 REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
 # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)

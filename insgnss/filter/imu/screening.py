@@ -32,6 +32,8 @@ from insgnss.filter.imu.sensor_outage import (
     beyond_range,
     density_beyond_range,
     held_for_long,
+    is_all_well,
+    is_unseen,
     note_recent_mean,
     note_repeats,
     note_slope,
@@ -158,15 +160,6 @@ def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
 def is_silent(x: Float64, k: int) -> bool:
     """Return whether a sensor gives zero in all axes at sample ``k`` of ``x`` (n, 3)."""
     return bool(x[k, 0] == 0.0 and x[k, 1] == 0.0 and x[k, 2] == 0.0)
-
-
-@kernel(inline=True)
-def is_all_well(s: ScreenRecord) -> bool:
-    """Return whether no sensor is out, and none has just come back."""
-    out = 0
-    for axis in range(6):
-        out += s.out[axis]
-    return out == 0 and s.out_s[0] == 0.0 and s.out_s[1] == 0.0
 
 
 @kernel(apart=True)
@@ -322,16 +315,23 @@ def judge_sensors(
 
 @kernel(inline=True)
 def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, count: Int64) -> None:
-    """Write down that a sensor is back; restart if the attitude is lost by then."""
+    """Write down that a sensor is back; restart if the attitude is lost by then.
+
+    Accelerometers that have never measured before leave an attitude that was levelled with nothing.
+    """
     write(edits, count, k, t_ns, OUT_ENDS, s.out_s[sensor])
     edits[count[0] - 1].axes = sensor
     s.out_s[sensor], s.beyond_s[sensor] = 0.0, 0.0
     s.slope[sensor], s.hidden[sensor] = 0.0, 0.0
+    lost2 = s.out_variance if sensor == GYRO else 0.0
+    if sensor == ACCEL and is_unseen(s, ACCEL):
+        lost2 = math.pi**2
+    if lost2 > s.restart_variance:
+        write(edits, count, k, t_ns, CUT, 0.0)
+        edits[count[0] - 1].unknown[0] = lost2
+        edits[count[0] - 1].axes = sensor
+        begin_anew(s)
     if sensor == GYRO:
-        if s.out_variance > s.restart_variance:
-            write(edits, count, k, t_ns, CUT, 0.0)
-            edits[count[0] - 1].unknown[0] = s.out_variance
-            begin_anew(s)
         s.out_variance = 0.0
 
 

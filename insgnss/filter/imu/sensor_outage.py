@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.filter.imu.screen_state import SATURATED, STUCK, ScreenRecord
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.filter.imu.screen_state import ACCEL, SATURATED, STUCK, ScreenRecord
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -30,14 +31,35 @@ SLOPE_S: Final = 0.05  # over which the slope at the end of the range is found: 
 
 
 @kernel(inline=True)
+def is_alive(s: ScreenRecord, sensor: int) -> bool:
+    """Return whether a sensor shows noise: an axis of it changes from sample to sample."""
+    alive = False
+    for axis in range(3 * sensor, 3 * sensor + 3):
+        alive = alive or (
+            s.finest[axis] < math.inf and s.most_repeats[axis] < COARSE and s.run[axis] < LEAST_RUN
+        )
+    return alive
+
+
+@kernel(inline=True)
+def is_unseen(s: ScreenRecord, sensor: int) -> bool:
+    """Return whether a sensor has held one value in each axis from the beginning of the log."""
+    first = 3 * sensor
+    return bool(min(s.finest[first], s.finest[first + 1], s.finest[first + 2]) == math.inf)
+
+
+@kernel(inline=True)
 def needed_run(s: ScreenRecord, axis: int) -> int:
     """Return how many repeats in a row are an outage; 0: the axis is too coarse, or not seen for long enough.
 
-    An axis that has held one value from the beginning is judged by the coarser of its sensor's other two.
+    An axis that has held one value from the beginning is judged by the coarser of its sensor's other two. Where all
+    three have, the sensor is dead if the other sensor is alive: it is not a simulation of rest without noise then.
 
     Equation: p^n < 1e-12, with p the larger of the log's share of repeats and r / (2 sqrt(pi) sigma), which is the
     probability that two values of a noise sigma fall into the same step r of the resolution
     """
+    if is_unseen(s, axis // 3):
+        return LEAST_RUN if s.n_steps >= WINDOW and is_alive(s, 1 - axis // 3) else 0
     if s.n_steps < SHOWN:
         return 0
     sigma = QUIETER * math.sqrt(s.noise_density[axis // 3] / s.step)
@@ -100,10 +122,22 @@ def note_repeats(s: ScreenRecord, x: Float64) -> None:
 
 
 @kernel(inline=True)
+def is_all_well(s: ScreenRecord) -> bool:
+    """Return whether no sensor is out, and none has just come back."""
+    out = 0
+    for axis in range(6):
+        out += s.out[axis]
+    return out == 0 and s.out_s[0] == 0.0 and s.out_s[1] == 0.0
+
+
+@kernel(inline=True)
 def stuck_kind(s: ScreenRecord, axis: int, value: float) -> int:
-    """Return whether a value that is held is the largest of the log: then the sensor is rather saturated."""
+    """Return whether a value that is held is the largest of the log: then the sensor is rather saturated.
+
+    A sensor that has never changed has shown no largest value.
+    """
     largest = abs(value) >= AT_RANGE * s.largest[axis // 3] and value != 0.0
-    return SATURATED if largest else STUCK
+    return SATURATED if largest and not is_unseen(s, axis // 3) else STUCK
 
 
 @kernel(inline=True)
@@ -124,10 +158,12 @@ def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
     """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
 
     It is the log's spread, at least the usual change in some seconds, more of a saturated sensor; ``beyond_range`` has
-    what its slope says.
+    what its slope says. Of an accelerometer that has shown nothing yet, the weight is unknown as well.
     """
     seconds = SATURATED_S if saturated else OUT_S
     variance: float = max(s.most_spread2[sensor], seconds * s.least_change[sensor])
+    if sensor == ACCEL and is_unseen(s, sensor):
+        variance += STANDARD_GRAVITY_MPS2**2
     return variance
 
 
