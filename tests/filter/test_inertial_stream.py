@@ -255,6 +255,18 @@ def test_gyros_back_after_long_begin_anew_and_accelerometers_do_not(rng: np.rand
         assert len(screened(table, setup()).cuts) == cuts
 
 
+@pytest.mark.parametrize(("sensor", "size"), [("w_ib_b", 5.0), ("f_b", 100.0)])
+def test_spikes_from_the_beginning_are_no_noise_of_the_log(
+    sensor: str, size: float, rng: np.random.Generator
+) -> None:
+    """The first are among the samples by which the noise is learnt."""
+    table = log(rng, times(0.02, 2500, 0.0, rng))
+    hit = np.arange(5, 2500, 50)
+    getattr(table, sensor)[hit, 1] += size
+    left_out = np.setdiff1d(table.t_ns, screened(table, setup()).logged_ns)
+    assert set(table.t_ns[hit[2:]]) <= set(left_out) <= set(table.t_ns[hit])
+
+
 @pytest.mark.parametrize("value", [None, 0.0], ids=["held", "zero"])
 @pytest.mark.parametrize(("sensor", "name"), [("w_ib_b", "gyros"), ("f_b", "accelerometers")])
 def test_sensor_dead_from_the_beginning_is_out_and_begins_anew(

@@ -24,7 +24,7 @@ from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.reflections import write_reflections
 from insgnss.filter.update.satellite_memory import RANGE_S, REFLECTION, REFLECTION_VARIANCE
 from insgnss.filter.update.slow_errors import correct_by_row_without
-from insgnss.filter.update.tag_jumps import UNSTEADY, follow_tag_jump
+from insgnss.filter.update.tag_jumps import UNSTEADY, follow_tag_jump, late_apart
 from insgnss.gnss.observation_rows import N_BANDS
 from tests.filter.test_tag_jumps import tagged_epoch
 from tests.kernels import KernelCase
@@ -61,6 +61,18 @@ def jumped_tags() -> list[Any]:
         out, made.head[0].tag_jumps = new_output(log, 1, 4, np.zeros(0, np.int64)), UNSTEADY
         note_tag_jump(made.head[0], made.state[0], par, out, START_NS)
         found += [out.events["a"].copy(), made, work.lines["status"].copy(), work.lines["predicted"].copy()]
+    return found
+
+
+def late_tag() -> list[Any]:
+    """Return what epochs say of their tag without a place known before: late, in time, too few."""
+    angle = np.arange(1.0, 12.0)
+    u = np.column_stack([np.cos(angle), np.sin(angle), 0.5 + 0.4 * np.cos(3.0 * angle)])
+    growth = 700.0 * np.sin(5.0 * angle)
+    found = []
+    for late_s, n in ((0.05, 11), (0.0, 11), (0.05, 7)):
+        residual = u @ [30.0, -20.0, 50.0] + late_s * growth + np.cos(7.0 * angle)
+        found.append(np.array(late_apart(np.column_stack([u, np.ones(11), growth, residual])[:n])))
     return found
 
 
@@ -145,6 +157,7 @@ CASES = [
     KernelCase("tests.kernels.rows:uncertain_imu_time", rtol=1e-8),
     KernelCase("tests.kernels.rows:uncertain_gnss_time", rtol=1e-8),
     KernelCase("tests.kernels.rows:jumped_tags", rtol=1e-8),
+    KernelCase("tests.kernels.rows:late_tag", rtol=1e-8),
     KernelCase("tests.kernels.rows:late_rates", rtol=1e-10),
     KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
     KernelCase("tests.kernels.rows:slow_errors", rtol=1e-12),

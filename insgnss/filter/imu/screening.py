@@ -42,7 +42,6 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_variance,
 )
 from insgnss.filter.imu.spikes import (
-    WARM,
     end_spike,
     find_spike,
     is_possible,
@@ -350,9 +349,8 @@ def note_motion(s: ScreenRecord, dt: float, x: Float64) -> None:
             for i in range(3):
                 a = 3 * sensor + i
                 off2 = max(off2, (s.x[a] - 0.5 * (s.before[a] + x[a])) ** 2)
-            if s.n_wiggles > WARM:
-                least2 = (least_spike(s, sensor) * (1.0 / 15.0)) ** 2
-                off2 = min(off2, max(25.0 * s.wiggle2[sensor], least2))
+            least2 = (least_spike(s, sensor) * (1.0 / 15.0)) ** 2
+            off2 = min(off2, max(25.0 * s.wiggle2[sensor], least2))
             s.wiggle2[sensor] += share * (off2 - s.wiggle2[sensor])
     s.part_s += dt
     for i in range(6):

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.filter.start.rest import MeasuredVelocity
+from insgnss.filter.start.start_noise import AS_DECLARED, Misfit
+from insgnss.filter.update.tag_jumps import late_apart
 from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
 from insgnss.gnss.point.log import solve_epochs
-from insgnss.gnss.point.rows import PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.gnss.troposphere import Weather
 from insgnss.status import USED
 from insgnss.tables import Bool, Float64, Int64
@@ -46,6 +48,10 @@ class Fix:
     used: Bool  # (2, k) which of them the solution used, per kind
     tried: Bool  # (2, k) which of them were offered to it
     checked: bool  # there was redundancy and it agreed
+    left_out: tuple[frozenset[int], frozenset[int]] = (
+        frozenset(),
+        frozenset(),
+    )  # numbers of satellites, per kind
 
     @property
     def n_used(self) -> int:
@@ -61,6 +67,12 @@ class Fix:
         """Return the variance of a group's clock [m^2]."""
         return float(self.P[CLOCKS + group, CLOCKS + group])
 
+    def without_velocity(self) -> Fix:
+        """Return the position alone."""
+        used = self.used.copy()
+        used[RANGE_RATE] = False
+        return replace(self, v_a=None, drift=math.nan, used=used)
+
     @property
     def drift_variance(self) -> float:
         """Variance of the clock's drift [m^2/s^2]."""
@@ -69,19 +81,33 @@ class Fix:
 
 def fix_epoch(rows: GnssRows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
     """Return the point solution of an epoch, or None when it has none that can be trusted."""
+    return try_fix(rows, epoch, par, ties, max_gdop, AS_DECLARED)[0]
+
+
+def try_fix(
+    rows: GnssRows, epoch: int, par: Parameters, ties: Ties, max_gdop: float, noise: Float64
+) -> tuple[Fix | None, Misfit]:
+    """Return the point solution of an epoch with the variances times ``noise`` (2,), None when it cannot be trusted.
+
+    And how far its rows disagree.
+    """
     first, last = int(rows.first[epoch]), int(rows.first[epoch + 1])
     one = point_rows(rows, par, epoch, epoch + 1)
+    one = one._replace(sigma=one.sigma * np.sqrt(noise))
     out = new_point_log(one, len(ties.home))
-    solve_epochs(one, point_settings(par, ties, max_gdop), _limits(last - first), out)
+    solve_epochs(one, _noisier(point_settings(par, ties, max_gdop), noise), _limits(last - first), out)
     out = at_time_tags(out)
     verdict, rate_verdict = int(out.verdict[0, PSEUDORANGE]), int(out.verdict[0, RANGE_RATE])
+    agrees = np.isin(out.verdict[0], _TRUSTED) & (noise == 1.0)
+    square = np.where(agrees, math.nan, noise * out.statistic[0] / np.maximum(out.freedom[0], 1))
+    misfit = Misfit(square, math.nan if agrees[PSEUDORANGE] else _lateness(one, out))
     if verdict not in _TRUSTED:
-        return None
+        return None, misfit
     with_rates = rate_verdict in _TRUSTED
     tried = one.status.T == USED
     used = tried & (out.status.T == USED)
     used[RANGE_RATE] &= with_rates
-    return Fix(
+    fix = Fix(
         t_ns=int(rows.epoch_ns[epoch]),
         r_a=out.r_e[0],
         clocks=out.clock_m[0],
@@ -93,7 +119,35 @@ def fix_epoch(rows: GnssRows, epoch: int, par: Parameters, ties: Ties, max_gdop:
         used=used,
         tried=tried,
         checked=verdict != UNTESTED,
+        left_out=(
+            _names(rows, first, tried & ~used, PSEUDORANGE),
+            _names(rows, first, tried & ~used, RANGE_RATE),
+        ),
     )
+    return fix, misfit
+
+
+def _names(rows: GnssRows, first: int, chosen: Bool, kind: int) -> frozenset[int]:
+    return frozenset(rows.observation["sv"][first + np.flatnonzero(chosen[kind])].tolist())
+
+
+def _lateness(rows: PointRows, out: PointLog) -> float:
+    """Return by how much an epoch's tag is late if that explains its pseudoranges better than noise [s], else NaN."""
+    there = (rows.status[:, PSEUDORANGE] == USED) & np.isfinite(rows.value[:, RANGE_RATE])
+    there &= np.isfinite(out.residual[:, PSEUDORANGE])
+    clock = np.ones(int(there.sum()))
+    growth, residual = -rows.value[there, RANGE_RATE], out.residual[there, PSEUDORANGE]
+    X = np.column_stack([out.u_n[there], clock, growth, residual]) / out.sigma[there, PSEUDORANGE, None]
+    return float(late_apart(X).late_s)
+
+
+def _noisier(settings: PointSettings, noise: Float64) -> PointSettings:
+    """Return the settings with the model's variances times ``noise`` (2,)."""
+    floor2, elevation2, cn02, thermal = settings.range_noise
+    ranges = (floor2 * noise[0], elevation2 * noise[0], cn02 * noise[0], thermal)
+    floor2, elevation2, cn02, thermal = settings.rate_noise
+    rates = (floor2 * noise[1], elevation2 * noise[1], cn02 * noise[1], thermal)
+    return settings._replace(range_noise=ranges, rate_noise=rates)
 
 
 def _limits(most: int) -> Float64:

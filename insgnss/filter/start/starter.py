@@ -13,8 +13,8 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
-from insgnss.filter.start.first_levels import begin_with_model_noise
-from insgnss.filter.start.fix import Fix, fix_epoch
+from insgnss.filter.start.first_levels import begin_as_shown, begin_with_model_noise
+from insgnss.filter.start.fix import Fix, fix_epoch, try_fix
 from insgnss.filter.start.mean_acceleration import levelling_motion
 from insgnss.filter.start.rest import samples_show_rest, slight_acceleration, velocities_show_rest
 from insgnss.filter.start.start import (
@@ -27,6 +27,7 @@ from insgnss.filter.start.start import (
     open_bank,
     open_headings,
 )
+from insgnss.filter.start.start_noise import AS_DECLARED, StartNoise
 from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.prior_rows import predict_measurements
@@ -40,6 +41,7 @@ from insgnss.tables import Event, Float64
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
 _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity or a clock's drift taken from two fixes
 _FASTEST_DRIFT_MPS = 3000.0  # 10 ppm
+_SAME_PLACE2 = 16.0  # squared sigmas
 _LEAST_RATES = 4  # for a velocity and a clock drift
 _WAIT_FIXES = 3  # after a gap, for a second velocity
 _VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
@@ -60,6 +62,7 @@ class Starter:
     carried: CarriedState | None = None  # from before a gap in the samples
     lacking: str = ""  # what the last epoch that was tried lacked
     wait_ns: int = _TELL_NS  # after which an event says so
+    noise: StartNoise = field(default_factory=StartNoise)
 
     def begin(self, *, given: bool, carried: CarriedState | None) -> None:
         """State the start of a stretch of samples: an unused given start, and the carried state."""
@@ -67,7 +70,7 @@ class Starter:
 
     def snapshot(self) -> Starter:
         """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
-        return replace(self, fixes=list(self.fixes))
+        return replace(self, fixes=list(self.fixes), noise=self.noise.snapshot())
 
     def try_start(
         self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
@@ -96,14 +99,23 @@ class Starter:
             return self._given_start(imu, rows, epoch, par)
         assert self.first_try_ns is not None
         start = self.setup.config.start
-        fix = fix_epoch(rows, epoch, par, self.setup.ties, start.max_gdop)
+        waited_ns = t_ns - self.first_try_ns
+        patient = waited_ns < start.patience_s * NS_PER_S
+        noise = np.where([waited_ns < _TELL_NS, patient], AS_DECLARED, self.noise.factor())
+        fix, misfit = try_fix(rows, epoch, par, self.setup.ties, start.max_gdop, noise)
+        self.noise.note(misfit)
         if fix is None:
             self.lacking = _why_no_fix(rows, epoch)
             return None, None, []
         self.lacking = "the fixes have no rows to spare, or contradict each other or the inertial samples"
+        range_doubted, rate_doubted = self._doubted(fix)
         self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
-        patient = t_ns - self.first_try_ns < start.patience_s * NS_PER_S
+        if rate_doubted:
+            fix = fix.without_velocity()
         if (fix.n_used < start.min_satellites or not fix.checked) and patient:
+            return None, fix, []
+        if range_doubted:
+            self.lacking = "the pseudoranges that agree are others, or of another place, in each epoch"
             return None, fix, []
         window_ns = int(start.window_s * NS_PER_S)
         window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
@@ -123,7 +135,7 @@ class Starter:
         else:
             opened = self._automatic_start(imu, fix, window, motion, par, patient=patient)
         if opened[0] is not None and self.carried is None:
-            begin_with_model_noise(opened[0], rows, epoch, par)
+            opened[2].extend(begin_as_shown(opened[0], rows, epoch, par, self.noise, noise))
         return opened
 
     def _carried_start(
@@ -178,6 +190,24 @@ class Starter:
         variance = (fix.clock_variance(group) + earlier.clock_variance(group)) / dt**2
         P_v[CLOCKS, CLOCKS] = variance + _FIX_VELOCITY_SIGMA_MPS**2
         return replace(fix, drift=drift, P_v=P_v)
+
+    def _doubted(self, fix: Fix) -> tuple[bool, bool]:
+        """Return whether the ranges and the rates of a fix may agree by chance.
+
+        Where most epochs have no solution, some of the rows of one agree now and then: with twenty times the noise,
+        once in a hundred or two. Those of a true one are the same again soon, and of the same place.
+        """
+        doubted = self.noise.disagrees & [bool(left_out) for left_out in fix.left_out]
+        for old in self.fixes:
+            dt = (fix.t_ns - old.t_ns) / NS_PER_S
+            if not dt <= _LONGEST_HISTORY_NS / NS_PER_S:
+                continue
+            for kind in (PSEUDORANGE, RANGE_RATE):
+                if fix.left_out[kind] == old.left_out[kind] and (
+                    kind == RANGE_RATE or _are_near(old, fix, dt)
+                ):
+                    doubted[kind] = False
+        return bool(doubted[PSEUDORANGE]), bool(doubted[RANGE_RATE])
 
     def _earlier_fix(self, fix: Fix, *, with_velocity: bool) -> Fix | None:
         """Return the latest fix that is at least a window older, None without one."""
@@ -266,7 +296,7 @@ class Starter:
         back = (t_epoch - t_ns) / NS_PER_S
         kin = given_kinematics(start, t_ns, seen.clocks - seen.drift * back, seen.drift, w, par)
         bank = self._open(kin, attitudes, w, par, imu)
-        begin_with_model_noise(bank, rows, epoch, par)
+        begin_with_model_noise(bank, rows, epoch, par, AS_DECLARED)
         self.given = False
         return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
 
@@ -297,6 +327,15 @@ class Starter:
         return open_bank(
             kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
         )
+
+
+def _are_near(old: Fix, fix: Fix, dt: float) -> bool:
+    """Return whether two fixes are of one place, but for the motion between them, which must be known."""
+    if fix.v_a is None:
+        return False
+    off = fix.r_a - old.r_a - fix.v_a * dt
+    variance = np.trace(fix.P[:3, :3] + old.P[:3, :3] + fix.P_v[:3, :3] * dt**2)
+    return bool(off @ off < _SAME_PLACE2 * variance)
 
 
 def _why_no_fix(rows: GnssRows, epoch: int) -> str:

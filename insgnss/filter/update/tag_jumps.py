@@ -174,6 +174,23 @@ def tag_evidence(
     return NOTHING
 
 
+@kernel
+def late_apart(X: Float64) -> TagEvidence:
+    """Return what the rows of an epoch say of its tag at a place that nothing has told before.
+
+    ``X`` (n, 6): line of sight, clock, growth and innovation of each row over its sigma; ``late_s`` is NaN where they
+    do not show that the tag is late. It serves as scratch.
+    """
+    n = X.shape[0]
+    if n >= _MANY:
+        remove_place(X)
+        growth2, both, whole = products(X)
+        found = explained(growth2, both, whole, n - _N_PLACE * 1.0)
+        if found.log_odds > _LEAST_ODDS:
+            return found
+    return TagEvidence(math.nan, math.nan, 0.0, 0)
+
+
 @kernel(inline=True)
 def products(X: Float64) -> tuple[float, float, float]:
     """Return g.g, g.y and y.y."""

@@ -345,6 +345,36 @@ def _as_it_is(case: Case, at_s: float, rng: np.random.Generator) -> Case:
     return case
 
 
+def _from_the_start() -> tuple[Row, ...]:
+    """Faults that are there from the first sample or epoch on: nothing was sound before."""
+    spoilers = {
+        "gyro_dead": ("gyros give zeros for the first 60 s", spoiling.zero("gyro", LASTS_S)),
+        "accel_dead": ("accelerometers give zeros for the first 60 s", spoiling.zero("accel", LASTS_S)),
+        "gyro_spikes": (
+            "gyro has a spike in each second from the first on",
+            spoiling.spikes("gyro", 5.0, np.inf),
+        ),
+        "accel_spikes": ("accelerometer has a spike in each second", spoiling.spikes("accel", 100.0, np.inf)),
+        "noise_20": (
+            "noise of ranges and rates 20 times the ordinary, always",
+            spoiling.noise_times(20.0, np.inf),
+        ),
+    }
+    return tuple(
+        _row(
+            f"fault_start_{name}",
+            title,
+            spoil,
+            honest(limit=SIGMAS),
+            origin_s=0.0,
+            spread_s=0.0,
+            duration_s=240.0,
+            in_tests=name == "noise_20",
+        )
+        for name, (title, spoil) in spoilers.items()
+    )
+
+
 def _nothing() -> Row:
     """The flight without a fault: what the other rows would show of themselves."""
     return _row(
@@ -377,4 +407,5 @@ def fault_rows() -> tuple[Row, ...]:
         *_measurements(),
         *_times(),
         *_lever_arms(),
+        *_from_the_start(),
     )
