@@ -334,7 +334,10 @@ def screened_samples() -> list[Any]:
         np.zeros(1, np.int64),
     )
     decided = screen(state[0], t_ns[keep], w[keep], f[keep], 0, edits, count, np.zeros(6))
-    return [decided, state, edits, count]
+    dead, dead_edits, dead_count = new_screen(config, GRADE, LEVER_ARM_M), edits.copy(), np.zeros(1, np.int64)
+    f[:250] = 0.0  # from the beginning on
+    screen(dead[0], t_ns[:300], w[:300], f[:300], 0, dead_edits, dead_count, np.zeros(6))
+    return [decided, state, edits, count, dead, dead_edits, dead_count]
 
 
 def wrong_rows() -> tuple[Float64, Lines]:
