@@ -48,10 +48,7 @@ class Fix:
     used: Bool  # (2, k) which of them the solution used, per kind
     tried: Bool  # (2, k) which of them were offered to it
     checked: bool  # there was redundancy and it agreed
-    left_out: tuple[frozenset[int], frozenset[int]] = (
-        frozenset(),
-        frozenset(),
-    )  # numbers of satellites, per kind
+    left_out: tuple[frozenset[int], ...] = (frozenset(), frozenset())  # numbers of satellites, per kind
 
     @property
     def n_used(self) -> int:
@@ -107,6 +104,7 @@ def try_fix(
     tried = one.status.T == USED
     used = tried & (out.status.T == USED)
     used[RANGE_RATE] &= with_rates
+    sv = rows.observation["sv"][first:last]
     fix = Fix(
         t_ns=int(rows.epoch_ns[epoch]),
         r_a=out.r_e[0],
@@ -119,16 +117,9 @@ def try_fix(
         used=used,
         tried=tried,
         checked=verdict != UNTESTED,
-        left_out=(
-            _names(rows, first, tried & ~used, PSEUDORANGE),
-            _names(rows, first, tried & ~used, RANGE_RATE),
-        ),
+        left_out=tuple(frozenset(sv[row].tolist()) for row in tried & ~used),
     )
     return fix, misfit
-
-
-def _names(rows: GnssRows, first: int, chosen: Bool, kind: int) -> frozenset[int]:
-    return frozenset(rows.observation["sv"][first + np.flatnonzero(chosen[kind])].tolist())
 
 
 def _lateness(rows: PointRows, out: PointLog) -> float:

@@ -21,9 +21,8 @@ AS_DECLARED: Final = np.ones(2)
 class Misfit(NamedTuple):
     """How far the rows of an epoch disagree."""
 
-    square: (
-        Float64  # (2,) chi-square by degree of freedom, variances as declared, per kind; NaN where they agree
-    )
+    # (2,) per kind: chi-square by degree of freedom with the declared variances, NaN where the rows agree
+    square: Float64
     late_s: float  # by which the tag is late, if that explains the pseudoranges better than noise; else NaN
 
 

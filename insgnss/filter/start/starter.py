@@ -58,6 +58,7 @@ class Starter:
     given: bool  # a given start is still to be used
     first_try_ns: int | None = None
     fixes: list[Fix] = field(default_factory=list)
+    agreeing: list[Fix] = field(default_factory=list)  # those that may agree by chance, too
     headings: list[StartHeading] | None = None  # those of an automatic start, None: the whole circle
     carried: CarriedState | None = None  # from before a gap in the samples
     lacking: str = ""  # what the last epoch that was tried lacked
@@ -70,7 +71,8 @@ class Starter:
 
     def snapshot(self) -> Starter:
         """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
-        return replace(self, fixes=list(self.fixes), noise=self.noise.snapshot())
+        fixes, agreeing = list(self.fixes), list(self.agreeing)
+        return replace(self, fixes=fixes, agreeing=agreeing, noise=self.noise.snapshot())
 
     def try_start(
         self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
@@ -101,21 +103,24 @@ class Starter:
         start = self.setup.config.start
         waited_ns = t_ns - self.first_try_ns
         patient = waited_ns < start.patience_s * NS_PER_S
-        noise = np.where([waited_ns < _TELL_NS, patient], AS_DECLARED, self.noise.factor())
+        early = np.array([waited_ns < _TELL_NS, patient]) | (par.adapt_gain <= 0.0)
+        noise = np.where(early, AS_DECLARED, self.noise.factor())
         fix, misfit = try_fix(rows, epoch, par, self.setup.ties, start.max_gdop, noise)
         self.noise.note(misfit)
         if fix is None:
             self.lacking = _why_no_fix(rows, epoch)
             return None, None, []
         self.lacking = "the fixes have no rows to spare, or contradict each other or the inertial samples"
+        self.agreeing = _recent(self.agreeing, t_ns)
         range_doubted, rate_doubted = self._doubted(fix)
-        self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
+        self.agreeing.append(fix)
+        if range_doubted:
+            self.lacking = "which pseudoranges agree changes from epoch to epoch, or they give another place"
+            return None, fix, []
         if rate_doubted:
             fix = fix.without_velocity()
+        self.fixes = [*_recent(self.fixes, t_ns), fix]
         if (fix.n_used < start.min_satellites or not fix.checked) and patient:
-            return None, fix, []
-        if range_doubted:
-            self.lacking = "the pseudoranges that agree are others, or of another place, in each epoch"
             return None, fix, []
         window_ns = int(start.window_s * NS_PER_S)
         window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
@@ -198,15 +203,9 @@ class Starter:
         once in a hundred or two. Those of a true one are the same again soon, and of the same place.
         """
         doubted = self.noise.disagrees & [bool(left_out) for left_out in fix.left_out]
-        for old in self.fixes:
-            dt = (fix.t_ns - old.t_ns) / NS_PER_S
-            if not dt <= _LONGEST_HISTORY_NS / NS_PER_S:
-                continue
-            for kind in (PSEUDORANGE, RANGE_RATE):
-                if fix.left_out[kind] == old.left_out[kind] and (
-                    kind == RANGE_RATE or _are_near(old, fix, dt)
-                ):
-                    doubted[kind] = False
+        for old in self.agreeing:
+            same_ranges, same_rates = (a == b for a, b in zip(fix.left_out, old.left_out, strict=True))
+            doubted &= [not (same_ranges and _are_near(old, fix)), not same_rates]
         return bool(doubted[PSEUDORANGE]), bool(doubted[RANGE_RATE])
 
     def _earlier_fix(self, fix: Fix, *, with_velocity: bool) -> Fix | None:
@@ -329,10 +328,15 @@ class Starter:
         )
 
 
-def _are_near(old: Fix, fix: Fix, dt: float) -> bool:
+def _recent(fixes: list[Fix], t_ns: int) -> list[Fix]:
+    return [fix for fix in fixes if t_ns - fix.t_ns <= _LONGEST_HISTORY_NS]
+
+
+def _are_near(old: Fix, fix: Fix) -> bool:
     """Return whether two fixes are of one place, but for the motion between them, which must be known."""
     if fix.v_a is None:
         return False
+    dt = (fix.t_ns - old.t_ns) / NS_PER_S
     off = fix.r_a - old.r_a - fix.v_a * dt
     variance = np.trace(fix.P[:3, :3] + old.P[:3, :3] + fix.P_v[:3, :3] * dt**2)
     return bool(off @ off < _SAME_PLACE2 * variance)
