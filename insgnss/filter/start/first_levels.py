@@ -9,9 +9,8 @@ import numpy as np
 from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.filter.rows.row_noise import model_variance, row_variance
 from insgnss.filter.start.start_noise import AS_DECLARED, StartNoise
-from insgnss.filter.state import Bank, forget_state
-from insgnss.filter.states.gnss_time import JUMP_SIGMA_S, SPOILT_MPS
-from insgnss.filter.update.tag_jumps import forget_place
+from insgnss.filter.state import Bank
+from insgnss.filter.update.tag_jumps import expect_jump
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import USED
@@ -23,7 +22,7 @@ def begin_as_shown(
 ) -> list[Event]:
     """Begin with what the epochs before have shown: tags that are late, or ``noise`` (2,) beyond the declared one.
 
-    Return the events that say so; late tags are found, and told, by the first epochs of the filter.
+    Return the events that say so; late tags are found, and reported, by the next epoch.
     """
     late_s = shown.late_s() if noise[PSEUDORANGE] > 1.0 else math.nan
     if math.isnan(late_s):
@@ -37,10 +36,7 @@ def begin_as_shown(
         )
         return [Event(int(rows.epoch_ns[epoch]), "noise_risen", detail)]
     begin_with_model_noise(bank, rows, epoch, par, AS_DECLARED)
-    for member in range(len(bank.state)):
-        forget_place(bank.P[member], SPOILT_MPS * late_s)
-        if par.at_gnss_time >= 0:
-            forget_state(bank, member, par.at_gnss_time, JUMP_SIGMA_S**2)
+    expect_jump(bank, par, int(rows.epoch_ns[epoch]), late_s)
     return []
 
 

@@ -79,7 +79,10 @@ def follow_tag_jump(
             head.tag_shown_ns, head.tag_jump_ns, head.tag_late_s = t_ns, t_ns, 0.0
             head.tag_jumps = UNSTEADY + 1
         else:
-            found = tag_evidence(bank.state[member], P, par, rows, epoch, s)
+            lately = head.tag_odds > 0.0 and (t_ns - head.tag_shown_ns) * 1e-9 < _AGREE_S
+            found = NOTHING
+            if lately or are_unusual(lines):
+                found = tag_evidence(bank.state[member], P, par, rows, epoch, s)
             if found.log_odds > 0.0:
                 note_jump(head, found, par, t_ns)
     if is_state and abs(bank.state[member].optional[par.at_gnss_time - OFFSETS]) > LONGEST_FOR_RATES_S:
@@ -101,6 +104,15 @@ def follow_tag_jump(
             if line.status[kind] == USED:
                 columns = line.columns[kind][: line.count[kind]]
                 line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
+
+
+def expect_jump(bank: Bank, par: Parameters, t_ns: int, late_s: float) -> None:
+    """Make place and clock uncertain and take the tags for late, as far as the next epoch shows it as well."""
+    head = bank.head[0]
+    head["tag_shown_ns"], head["tag_late_s"], head["tag_elsewhere"] = t_ns, late_s, 0
+    head["tag_odds"] = par.tag_jump_odds
+    for member in range(len(bank.P)):
+        forget_place(bank.P[member], SPOILT_MPS * late_s)
 
 
 @kernel(inline=True)
@@ -139,13 +151,13 @@ def tag_evidence(
 ) -> TagEvidence:
     """Return what an epoch says of its GNSS tag.
 
-    It allocates its work space: only an epoch of unusual innovations comes so far.
+    It allocates its work space: only an epoch of unusual innovations, or after one that showed a jump, comes so far.
     """
     lines = s.lines[: rows.first[epoch + 1] - rows.first[epoch]]
-    if not (par.tag_jump_odds < math.inf and are_unusual(lines)):
-        return NOTHING
     index = np.empty(lines.shape[0], np.int64)
     n = used_rows(lines, PSEUDORANGE, index)
+    if n < LEAST_WITNESSES or par.tag_jump_odds == math.inf:
+        return NOTHING
     S, X, a = np.empty((n, n + 1)), np.empty((n, _COLUMNS)), s.antenna[0]
     write_innovations(S, P, lines, PSEUDORANGE, index[:n])
     u, dr = np.empty(3), np.empty(3)
@@ -216,7 +228,7 @@ def explained(growth2: float, both: float, whole: float, freedom: float) -> TagE
 
 @kernel(inline=True)
 def are_unusual(lines: Lines) -> bool:
-    """Return whether there are enough pseudoranges to judge the tag by, and most of them far from the prediction."""
+    """Return whether most pseudoranges are far from the prediction."""
     n, total = 0, 0.0
     for j in range(lines.shape[0]):
         line = lines[j]
@@ -224,7 +236,7 @@ def are_unusual(lines: Lines) -> bool:
             n += 1
             variance = line.predicted[PSEUDORANGE] + line.variance[PSEUDORANGE]
             total += line.innovation[PSEUDORANGE] ** 2 / variance
-    return n >= LEAST_WITNESSES and total > _UNUSUAL * n
+    return total > _UNUSUAL * n
 
 
 @kernel(inline=True)
