@@ -94,15 +94,14 @@ def test_filter_that_does_not_recover_does_not_look_at_the_tags() -> None:
     assert worst(run, FROM_S) > 5.0
 
 
-@pytest.mark.parametrize("by_s", [0.05, -0.03])
+@pytest.mark.parametrize("by_s", [0.05, -0.03, 0.1])
 def test_tags_that_are_off_from_the_start_are_found_though_the_start_was_elsewhere(by_s: float) -> None:
     run = insgnss.replay(with_tags(off_by(by_s), seed=43))
     ((at_s, detail),) = told(run)
     began_s = float(run.events.loc[run.events["kind"] == "start", "time_s"].iloc[0]) - START_S
-    assert at_s - began_s < 20.0
+    assert at_s - began_s < 2.0
     assert abs(offset_s(detail) - by_s) < 0.01
-    # the place found with wrong tags is off by up to 8 sigma for some seconds more, with exact inertial tags as well
-    assert worst(run, at_s + 10.0) < 5.0
+    assert worst(run, 0.0) < 5.0
 
 
 def test_tags_that_jitter_are_believed_no_more_and_that_is_told_once() -> None:

@@ -24,7 +24,7 @@ def begin_as_shown(
 
     Return the events that say so; late tags are found, and reported, by the next epoch.
     """
-    late_s = shown.late_s() if noise[PSEUDORANGE] > 1.0 else math.nan
+    late_s = shown.late_s()
     if math.isnan(late_s):
         begin_with_model_noise(bank, rows, epoch, par, noise)
         if not (noise > 1.0).any():

@@ -97,7 +97,8 @@ def try_fix(
     verdict, rate_verdict = int(out.verdict[0, PSEUDORANGE]), int(out.verdict[0, RANGE_RATE])
     agrees = np.isin(out.verdict[0], _TRUSTED) & (noise == 1.0)
     square = np.where(agrees, math.nan, noise * out.statistic[0] / np.maximum(out.freedom[0], 1))
-    misfit = Misfit(square, math.nan if agrees[PSEUDORANGE] else _lateness(one, out))
+    whole = verdict in (OK, UNTESTED) and noise[PSEUDORANGE] == 1.0
+    misfit = Misfit(square, math.nan if whole else _lateness(one, out))
     if verdict not in _TRUSTED:
         return None, misfit
     with_rates = rate_verdict in _TRUSTED

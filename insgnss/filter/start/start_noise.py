@@ -47,8 +47,8 @@ class StartNoise:
         return np.array([misfit.square for misfit in self.misfits]).reshape(-1, 2)
 
     def late_s(self) -> float:
-        """Return by how much the tags are late if most epochs without a place say so, else NaN."""
-        late = np.array([misfit.late_s for misfit in self.misfits if not math.isnan(misfit.square[0])])
+        """Return by how much the tags are late if most epochs say so, else NaN."""
+        late = np.array([misfit.late_s for misfit in self.misfits])
         return float(np.nanmedian(late)) if np.sum(~np.isnan(late)) > 0.5 * len(late) else math.nan
 
     def factor(self) -> Float64:
