@@ -11,7 +11,6 @@ import numpy as np
 from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.filter.start.rest import MeasuredVelocity
 from insgnss.filter.start.start_noise import AS_DECLARED, Misfit
-from insgnss.filter.update.tag_jumps import late_apart
 from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
@@ -98,7 +97,7 @@ def try_fix(
     agrees = np.isin(out.verdict[0], _TRUSTED) & (noise == 1.0)
     square = np.where(agrees, math.nan, noise * out.statistic[0] / np.maximum(out.freedom[0], 1))
     whole = verdict in (OK, UNTESTED) and noise[PSEUDORANGE] == 1.0
-    misfit = Misfit(square, math.nan if whole else _lateness(one, out))
+    misfit = Misfit(square, None if whole else _for_the_tag(one, out))
     if verdict not in _TRUSTED:
         return None, misfit
     with_rates = rate_verdict in _TRUSTED
@@ -123,14 +122,13 @@ def try_fix(
     return fix, misfit
 
 
-def _lateness(rows: PointRows, out: PointLog) -> float:
-    """Return by how much an epoch's tag is late if that explains its pseudoranges better than noise [s], else NaN."""
+def _for_the_tag(rows: PointRows, out: PointLog) -> Float64:
+    """Return the pseudoranges of an epoch as ``late_apart`` takes them (n, 6)."""
     there = (rows.status[:, PSEUDORANGE] == USED) & np.isfinite(rows.value[:, RANGE_RATE])
     there &= np.isfinite(out.residual[:, PSEUDORANGE])
     clock = np.ones(int(there.sum()))
     growth, residual = -rows.value[there, RANGE_RATE], out.residual[there, PSEUDORANGE]
-    X = np.column_stack([out.u_n[there], clock, growth, residual]) / out.sigma[there, PSEUDORANGE, None]
-    return float(late_apart(X).late_s)
+    return np.column_stack([out.u_n[there], clock, growth, residual]) / out.sigma[there, PSEUDORANGE, None]
 
 
 def _noisier(settings: PointSettings, noise: Float64) -> PointSettings:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.filter.update.tag_jumps import late_apart
 from insgnss.tables import Bool, Float64
 
 _EPOCHS: Final = 300  # that are remembered
@@ -23,7 +24,7 @@ class Misfit(NamedTuple):
 
     # (2,) per kind: chi-square by degree of freedom with the declared variances, NaN where the rows agree
     square: Float64
-    late_s: float  # by which the tag is late, if that explains the pseudoranges better than noise; else NaN
+    X: Float64 | None  # as ``late_apart`` takes the pseudoranges; None where all of them agree
 
 
 @dataclass
@@ -48,8 +49,11 @@ class StartNoise:
 
     def late_s(self) -> float:
         """Return by how much the tags are late if most epochs say so, else NaN."""
-        late = np.array([misfit.late_s for misfit in self.misfits])
-        return float(np.nanmedian(late)) if np.sum(~np.isnan(late)) > 0.5 * len(late) else math.nan
+        some = [misfit.X for misfit in self.misfits if misfit.X is not None]
+        if not len(some) > 0.5 * len(self.misfits):
+            return math.nan
+        late = np.array([late_apart(X.copy()).late_s for X in some])
+        return float(np.nanmedian(late)) if np.sum(~np.isnan(late)) > 0.5 * len(self.misfits) else math.nan
 
     def factor(self) -> Float64:
         """Return the factor on the variances (2,): the median of the misfits of a kind that disagrees.
