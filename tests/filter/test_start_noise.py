@@ -14,7 +14,7 @@ NAN = math.nan
 
 
 def noise_of(*epochs: tuple[float, float, float]) -> StartNoise:
-    """Return what epochs have left: mean square of ranges and rates, and how late the tag is (NaN: it does not show)."""
+    """Return what epochs have left: mean square of ranges and rates, how late the tag is (NaN: not shown)."""
     noise = StartNoise()
     for ranges, rates, late_s in epochs:
         noise.note(Misfit(np.array([ranges, rates]), None if math.isnan(late_s) else tagged(11, late_s)))
