@@ -115,7 +115,9 @@ class Starter:
         range_doubted, rate_doubted = self._doubted(fix)
         self.agreeing.append(fix)
         if range_doubted:
-            self.lacking = "which pseudoranges agree changes from epoch to epoch, or they give another place"
+            self.lacking = (
+                "the pseudoranges that agree are different ones in each epoch, or give different places"
+            )
             return None, fix, []
         if rate_doubted:
             fix = fix.without_velocity()
