@@ -22,7 +22,7 @@ from insgnss.filter.headings.motion import (
 )
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.late_rates import carry_late_velocity
-from insgnss.filter.sensor_errors import correct_sensors, factor_of
+from insgnss.filter.sensor_errors import bias_row, correct_sensors, factor_of, place_further_errors
 from insgnss.filter.state import (
     BA,
     BG,
@@ -40,7 +40,14 @@ from insgnss.filter.state import (
     StateRecord,
 )
 from insgnss.geodesy.vectors import dot, times
-from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
+from insgnss.inertial.error_dynamics import (
+    COUPLING_DTYPE,
+    Couplings,
+    StepSpace,
+    carry_covariance,
+    step_space,
+    transition_step,
+)
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.kernels.jit import kernel
@@ -58,6 +65,7 @@ class Rates(Record):
     w_now: Annotated[Float64, 3]
     f_now: Annotated[Float64, 3]
     g_e: Annotated[Float64, 3]
+    errors: Annotated[Float64, 7, 6]  # see ``place_further_errors``
 
 
 RATES_DTYPE: Final = dtype_of(Rates)
@@ -90,7 +98,7 @@ class Scratch(NamedTuple):
 
     rates: npt.NDArray[Any]  # (1,) of RATES_DTYPE
     A: Float64  # (n, n)
-    B: Float64  # (n, n)
+    step: StepSpace
     keep: Float64  # (n,) decay factor of each state over a step, 1 where it does not decay
     couplings: Couplings  # (MAX_COUPLINGS,) of the further errors of the sensors
 
@@ -98,7 +106,7 @@ class Scratch(NamedTuple):
 def new_scratch(n: int) -> Scratch:
     """Return work space for ``n`` error states."""
     couplings = np.zeros(MAX_COUPLINGS, COUPLING_DTYPE)
-    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)), np.ones(n), couplings)
+    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), step_space(n), np.ones(n), couplings)
 
 
 @kernel(inline=True)
@@ -112,7 +120,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
             m.b_g[i] *= scratch.keep[BG + i]
         for i in range(min(par.n_optional, P.shape[0] - OFFSETS)):
             m.optional[i] *= scratch.keep[OFFSETS + i]
-    clear_sums(m, par)
+    clear_sums(m)
 
 
 @kernel(apart=True)
@@ -130,12 +138,12 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
     step = transition_step(dt, x, y, z, m.r_e)
     place_decays(m, par, dt, scratch.keep)
     couplings = scratch.couplings[: par.n_couplings]
+    mean_f, mean_w = times(m.sum_f, 1.0 / dt), times(m.sum_w, 1.0 / dt)
     for k in range(couplings.shape[0]):
-        couplings[k].at, couplings[k].into = par.coupling_at[k], par.coupling_into[k]
-        for i in range(3):
-            couplings[k].s[i] = m.sum_coupling[k, i]
+        couplings[k].at, couplings[k].bias = par.coupling_at[k], bias_row(par, k)
+        couplings[k].factor = factor_of(par.coupling_times[k], mean_f, mean_w)
     add_half_noise(m, P, par, dt, accel_q)
-    carry_covariance(step, m.sum_C, couplings, scratch.keep, P, scratch.B)
+    carry_covariance(step, m.sum_C, couplings, scratch.keep, P, scratch.step)
     add_half_noise(m, P, par, dt, accel_q)
     if P[DR, DR] + P[DR + 1, DR + 1] + P[DR + 2, DR + 2] > _CURVED_M2:
         add_gravity_curvature(m, P, dt)
@@ -188,18 +196,15 @@ def place_decays(m: StateRecord, par: Parameters, dt: float, keep: Float64) -> N
 
 
 @kernel(inline=True)
-def clear_sums(m: StateRecord, par: Parameters) -> None:
+def clear_sums(m: StateRecord) -> None:
     """Set the sums of the covariance's step to zero."""
     m.sum_dt = 0.0
     m.sum_gyro_q = 0.0
     m.sum_accel_q = 0.0
     for i in range(3):
-        m.sum_dv[i] = 0.0
+        m.sum_dv[i] = m.sum_f[i] = m.sum_w[i] = 0.0
         for j in range(3):
             m.sum_C[i, j] = 0.0
-    for k in range(par.n_couplings):
-        for i in range(3):
-            m.sum_coupling[k, i] = 0.0
 
 
 @kernel(inline=True)
@@ -231,9 +236,10 @@ def step_state(
     departure2 = force_departure2(m, f, dt)
     shown_rates(m, par, w, f, departure2, dt)
     for i in range(3):
+        m.sum_f[i] += dt * m.f_last[i]
+        m.sum_w[i] += dt * m.w_last[i]
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
-    sum_couplings(m, par, half)
     before_e = (m.v_e[0], m.v_e[1], m.v_e[2])
     dv_e = mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.g_e)
     gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
@@ -243,7 +249,6 @@ def step_state(
         m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
-    sum_couplings(m, par, half)
     follow_near_motion(m, w, dv_e, dt)
     if m.rates_late_s > 0.0:
         carry_late_velocity(m, par, w, before_e, dt)
@@ -275,15 +280,6 @@ def shown_rates(
 
 
 @kernel(inline=True)
-def sum_couplings(m: StateRecord, par: Parameters, dt: float) -> None:
-    """Add ``dt`` [s] of C_eb e_i m_k to the sum of each further error of the sensors."""
-    for k in range(par.n_couplings):
-        value = dt * factor_of(par.coupling_times[k], m.f_last, m.w_last)
-        for i in range(3):
-            m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
-
-
-@kernel(inline=True)
 def force_departure2(m: StateRecord, f: Float64, dt: float) -> float:
     """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
 
@@ -304,7 +300,7 @@ def force_departure2(m: StateRecord, f: Float64, dt: float) -> float:
 def load_rates(
     m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates
 ) -> None:
-    """Write sample ``k``'s effective rates, the sensors' errors removed."""
+    """Write sample ``k``'s effective rates, the sensors' errors removed, the further ones as ``s.errors`` has them."""
     dt: float = (t_ns[k] - t_ns[k - 1]) * 1e-9
     before = k - 1 if k > 1 else k
     dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
@@ -313,8 +309,9 @@ def load_rates(
         s.f_now[i] = f_b[k, i] - m.b_a[i]
         s.w_before[i] = w_ib_b[before, i] - m.b_g[i]
         s.f_before[i] = f_b[before, i] - m.b_a[i]
-    correct_sensors(m, par, s.w_now, s.f_now)
-    correct_sensors(m, par, s.w_before, s.f_before)
+    if par.n_couplings > 0:
+        correct_sensors(s.errors, s.w_now, s.f_now)
+        correct_sensors(s.errors, s.w_before, s.f_before)
     effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
 
 
@@ -340,6 +337,7 @@ def carry(
     stop_ns : at most the last sample's time
     """
     rates, t_ns, unknown = scratch.rates[0], imu.t_ns, imu.unknown
+    place_further_errors(m, par, rates.errors)
     while now_ns < stop_ns:
         load_rates(m, par, imu.w_ib_b, imu.f_b, t_ns, k, rates)
         gyro_unknown, accel_unknown = m.noise_excess * par.gyro_density, m.noise_excess * par.accel_density
@@ -353,6 +351,7 @@ def carry(
             step_state(m, par, dt / pieces, gyro_unknown, accel_unknown, rates)
             if m.sum_dt > par.covariance_step - 1e-6:
                 predict_covariance(m, P, par, scratch)
+                place_further_errors(m, par, rates.errors)
         now_ns = end_ns
         if end_ns == t_ns[k]:
             k += 1

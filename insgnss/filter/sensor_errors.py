@@ -30,21 +30,36 @@ def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
 
 
 @kernel(inline=True)
-def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
-    """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
+def place_further_errors(m: StateRecord, par: Parameters, errors: Float64) -> None:
+    """Write how the further errors of gyros and accelerometers grow with force and rate: ``errors`` (7, 6).
+
+    It holds until a further state changes; each sample would sort the states again.
+    """
+    for i in range(errors.shape[0]):
+        for j in range(errors.shape[1]):
+            errors[i, j] = 0.0
+    for k in range(par.n_couplings):
+        column = par.coupling_axis[k] + (0 if par.coupling_into[k] == PSI else 3)
+        errors[par.coupling_times[k], column] += m.optional[par.coupling_at[k] - OFFSETS]
+
+
+@kernel(inline=True)
+def correct_sensors(errors: Float64, w: Float64, f: Float64) -> None:
+    """Take the further ``errors`` of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
 
     Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
     """
-    if par.n_couplings > 0:
-        measured_f, measured_w = (f[0], f[1], f[2]), (w[0], w[1], w[2])
-        for k in range(par.n_couplings):
-            error = factor_of(par.coupling_times[k], measured_f, measured_w)
-            error *= m.optional[par.coupling_at[k] - OFFSETS]
-            axis = par.coupling_axis[k]
-            if par.coupling_into[k] == PSI:
-                w[axis] -= error
-            else:
-                f[axis] -= error
+    x, y, z, p, q, r = f[0], f[1], f[2], w[0], w[1], w[2]
+    for i in range(3):
+        w[i] -= further_error(errors, i, (x, y, z), (p, q, r))
+        f[i] -= further_error(errors, i + 3, (x, y, z), (p, q, r))
+
+
+@kernel(inline=True)
+def further_error(errors: Float64, i: int, f: Vector, w: Vector) -> float:
+    """Return the further error of axis ``i``, of the gyros and then of the accelerometers, in a force and a rate."""
+    by_force = errors[1, i] * f[0] + errors[2, i] * f[1] + errors[3, i] * f[2]
+    return float(errors[0, i] + by_force + errors[4, i] * w[0] + errors[5, i] * w[1] + errors[6, i] * w[2])
 
 
 @kernel(inline=True)

@@ -30,7 +30,7 @@ def is_finite(m: StateRecord, P: Float64) -> bool:
         total += m.r_e[i] + m.v_e[i] + m.b_a[i] + m.b_g[i]
         total += m.r_clone[i] + m.dv_late[0, i] + m.dv_late[1, i]
         total += m.f_smooth[i] + m.w_smooth[i] + m.f_mean[i] + m.v_mean[i] + m.sum_dv[i]
-        total += m.f_near[i] + m.w_near[i]
+        total += m.f_near[i] + m.w_near[i] + m.sum_f[i] + m.sum_w[i]
         for j in range(3):
             total += m.C_eb[i, j] + m.sum_C[i, j] + m.C_swung[i, j]
     for i in range(4):

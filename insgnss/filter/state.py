@@ -104,7 +104,9 @@ class StateRecord(Record):
     noise_excess: float  # of the samples' white noise beyond that of their grade, as a share of its variance
     sum_gyro_q: float  # attitude variance to add [rad^2]
     sum_accel_q: float  # velocity variance to add [m^2/s^2]
-    sum_coupling: Annotated[Float64, MAX_COUPLINGS, 3]  # integrals of C_eb e_i m_k, see ``Coupling``
+    # integrals of ``f_last`` [m/s] and ``w_last`` [rad]
+    sum_f: Annotated[Float64, 3]
+    sum_w: Annotated[Float64, 3]
     noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
     # since the clock's was last judged: sum of the drift's corrections [m/s], and variance of that sum
     drift_moved: Annotated[Float64, 2]
@@ -255,6 +257,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.f_near[i], target.w_near[i] = source.f_near[i], source.w_near[i]
         target.f_last[i], target.w_last[i] = source.f_last[i], source.w_last[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
+        target.sum_f[i], target.sum_w[i] = source.sum_f[i], source.sum_w[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         target.v_shown[i], target.v_corrected[i] = source.v_shown[i], source.v_corrected[i]
         target.dv_late[0, i], target.dv_late[1, i] = source.dv_late[0, i], source.dv_late[1, i]
@@ -284,9 +287,6 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         source.sum_gyro_q,
         source.sum_accel_q,
     )
-    for i in range(MAX_COUPLINGS):
-        for j in range(3):
-            target.sum_coupling[i, j] = source.sum_coupling[i, j]
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
     for i in range(3):
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]

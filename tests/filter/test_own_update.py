@@ -54,7 +54,8 @@ def filter_at(rng: np.random.Generator | None = None) -> Bank:
 
 def setup_with(*measurements: Measurement, motion_sigma: float = 0.0) -> FilterSetup:
     setup = matched_setup()
-    config = setup.config.model_copy(update={"process": Process(motion_sigma=motion_sigma)})
+    process = Process(motion_sigma=motion_sigma, imu_time_sigma_s=0.0)  # the bank has no further states
+    config = setup.config.model_copy(update={"process": process})
     return dataclasses.replace(setup, config=config, own=own_measurements(measurements))
 
 

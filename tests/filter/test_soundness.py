@@ -168,6 +168,8 @@ SUMS = (
     "v_mean",
     "v_mean_variance",
     "sum_dv",
+    "sum_f",
+    "sum_w",
     "sum_C",
     "sum_gyro_q",
     "sum_accel_q",

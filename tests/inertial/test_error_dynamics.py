@@ -14,8 +14,10 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 from insgnss.inertial.error_dynamics import (
     COUPLING_DTYPE,
+    StepSpace,
     apply_transition,
     carry_covariance,
+    step_space,
     transition_step,
 )
 from insgnss.inertial.mechanization import mechanize
@@ -122,6 +124,13 @@ def test_transition_keeps_what_no_row_moves() -> None:
     assert B[:15] == pytest.approx((transition(0.02, 100.0, math.inf) @ A[:N])[:15], abs=1e-13)
 
 
+def spoilt_space(n: int) -> StepSpace:
+    """Return scratch in which something is left of an earlier step."""
+    space = step_space(n)
+    space.along[:] = space.after[:] = space.before[:, :9] = np.nan
+    return space
+
+
 def test_covariance_is_carried_as_phi_p_phi_transposed_and_stays_symmetric() -> None:
     root = np.random.default_rng(2).standard_normal((N + 3, N + 3))
     P = root @ root.T
@@ -131,7 +140,7 @@ def test_covariance_is_carried_as_phi_p_phi_transposed_and_stays_symmetric() -> 
     wanted = Phi @ P @ Phi.T
 
     keep = decays(N + 3, 0.02, 100.0, 300.0)
-    carry_covariance(step, C_EB * 0.02, NO_COUPLINGS, keep, P, np.full_like(P, np.nan))
+    carry_covariance(step, C_EB * 0.02, NO_COUPLINGS, keep, P, spoilt_space(len(P)))
 
     assert (P == P.T).all()
     np.testing.assert_allclose(P, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
@@ -146,8 +155,8 @@ def test_further_errors_of_the_sensors_enter_as_the_matrix_exponential_has_them(
     F[BLOCKS["dv"], N + 1] = -C_EB[:, 1] * force
     F[N + 1, N + 1] = -1.0 / 50.0
     couplings = np.zeros(2, COUPLING_DTYPE)
-    couplings["at"], couplings["into"] = [N, N + 1], [6, 3]
-    couplings["s"] = [C_EB[:, 0] * rate * dt, C_EB[:, 1] * force * dt]
+    couplings["at"], couplings["bias"] = [N, N + 1], [12, 10]
+    couplings["factor"] = [rate, force]
     keep = np.ones(N + 2)
     keep[N + 1] = math.exp(-dt / 50.0)
     step = transition_step(dt, *(FORCE_E * dt), PLACE_E)
@@ -162,9 +171,34 @@ def test_further_errors_of_the_sensors_enter_as_the_matrix_exponential_has_them(
     root = np.random.default_rng(3).standard_normal((N + 2, N + 2))
     P = root @ root.T
     wanted = Phi @ P @ Phi.T
-    carry_covariance(step, C_EB * dt, couplings, keep, P, np.full_like(P, np.nan))
+    carry_covariance(step, C_EB * dt, couplings, keep, P, spoilt_space(len(P)))
     assert (P == P.T).all()
     np.testing.assert_allclose(P, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
+
+
+def test_further_errors_act_through_the_mean_of_what_they_go_with() -> None:
+    """A turn that speeds up from 0.5 to 1.5 rad/s in 25 ms: a scale factor's way into the attitude, in fine steps."""
+    dt, count, n = 0.025, 50, N + 1
+    rates = 0.5 + (np.arange(count) + 0.5) / count
+    attitudes = [
+        C_EB @ Rotation.from_rotvec([0.0, 0.0, a]).as_matrix() for a in np.cumsum(rates) * dt / count
+    ]
+
+    def carried(length: float, C_dt: np.ndarray, rate: float) -> np.ndarray:
+        couplings, Phi = np.zeros(1, COUPLING_DTYPE), np.zeros((n, n))
+        couplings["at"], couplings["bias"], couplings["factor"] = N, 12, rate
+        apply_transition(
+            transition_step(length, *(FORCE_E * length), PLACE_E), C_dt, couplings, np.ones(n), np.eye(n), Phi
+        )
+        return Phi
+
+    fine = np.eye(n)
+    for C, rate in zip(attitudes, rates, strict=True):
+        fine = carried(dt / count, C * dt / count, rate) @ fine
+    whole = carried(dt, np.mean(attitudes, axis=0) * dt, float(np.mean(rates)))
+
+    off = np.linalg.norm(whole[BLOCKS["psi"], N] - fine[BLOCKS["psi"], N])
+    assert 0.0 < off < 3e-3 * np.linalg.norm(fine[BLOCKS["psi"], N])
 
 
 # --- against the mechanization --------------------------------------------------------------------------------------

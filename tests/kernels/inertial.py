@@ -6,7 +6,7 @@ import numpy as np
 
 from insgnss.inertial.alignment import inertial_window
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, apply_transition, transition_step
-from insgnss.inertial.error_state import FURTHER, PSI
+from insgnss.inertial.error_state import BG, FURTHER
 from tests.kernels import KernelCase
 
 _MECHANIZATION = "insgnss.inertial.mechanization"
@@ -31,7 +31,7 @@ def window() -> tuple[float, np.ndarray, np.ndarray, float, float]:
 def transition() -> np.ndarray:
     """Return Phi of a step with one further state, an error of gyro y."""
     couplings, Phi, keep = np.zeros(1, COUPLING_DTYPE), np.zeros((18, 18)), np.full(18, 0.9)
-    couplings["at"], couplings["into"], couplings["s"] = FURTHER, PSI, _C_EB[:, 1] * 0.01
+    couplings["at"], couplings["bias"], couplings["factor"] = FURTHER, BG + 1, 0.5
     step = transition_step(0.02, 0.1, -0.2, 0.15, _R_E)
     apply_transition(step, _C_EB * 0.02, couplings, keep, np.eye(18), Phi)
     return Phi

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.antenna.obstruction import directions
 from insgnss.config.library import imu_grade
-from insgnss.inertial.error_dynamics import COUPLING_DTYPE
+from insgnss.inertial.error_dynamics import COUPLING_DTYPE, step_space
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
 from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
 from insgnss.simulation.trajectory import Trajectory
@@ -45,9 +45,18 @@ def covariance_along() -> list[np.ndarray]:
         5e-3, np.full(17, 1e-9), np.full(17, 0.99), np.array([3e6, 2e6, 5e6]), rows, np.array([0, 1, 2, 15])
     )
     force, C_eb = 30.0 * rng.standard_normal((20, 3)), np.linalg.qr(rng.standard_normal((20, 3, 3)))[0]
-    P, scratch, found = 1e-2 * np.eye(17), (np.empty((17, 17)), np.zeros((3, 17))), np.empty((20, 6))
+    P, found = 1e-2 * np.eye(17), np.empty((20, 6))
     couplings = np.zeros(0, COUPLING_DTYPE)
-    carry_along(drive, force, np.ascontiguousarray(5e-3 * C_eb), 1e-2, couplings, P, scratch, found)
+    carry_along(
+        drive,
+        force,
+        np.ascontiguousarray(5e-3 * C_eb),
+        1e-2,
+        couplings,
+        P,
+        (step_space(17), np.zeros((3, 17))),
+        found,
+    )
     return [P, found]
 
 

@@ -27,7 +27,14 @@ from insgnss.config.flight import ImuGrade
 from insgnss.errors import ConfigError
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.local_level import geodetic, ned_axes
-from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
+from insgnss.inertial.error_dynamics import (
+    COUPLING_DTYPE,
+    Couplings,
+    StepSpace,
+    carry_covariance,
+    step_space,
+    transition_step,
+)
 from insgnss.inertial.error_state import BA, BG, CLOCK, DR, DRIFT, DV, FURTHER, PSI
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.checks import positive
@@ -82,7 +89,7 @@ def carry_along(
     variance: float,
     couplings: Couplings,
     P: Float64,
-    scratch: tuple[Float64, Float64],
+    scratch: tuple[StepSpace, Float64],
     variances: Float64,
 ) -> None:
     """Propagate a covariance along a motion and write the variances before each step's updates.
@@ -93,16 +100,16 @@ def carry_along(
     variance : of one phase [rad^2]
     couplings : (0,) of ``COUPLING_DTYPE``
     P : (17, 17) in and out
-    scratch : (17, 17) and (3, 17)
+    scratch : of a step, and (3, 17) of an update
     variances : (n, 2 + m) of velocity and attitude, summed over the axes, and of the phases, out
     """
-    dt = drive.step_s
+    dt, (space, gain) = drive.step_s, scratch
     for k in range(len(force_e)):
         f = force_e[k]
         step = transition_step(dt, f[0] * dt, f[1] * dt, f[2] * dt, drive.r_e)
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
-        carry_covariance(step, sums_C[k], couplings, drive.keep, P, scratch[0])
+        carry_covariance(step, sums_C[k], couplings, drive.keep, P, space)
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
         variances[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
@@ -110,7 +117,7 @@ def carry_along(
         for c in range(len(drive.rows)):
             variances[k, 2 + c] = predicted_variance(P, drive.rows[c], drive.columns)
         for c in range(len(drive.rows)):
-            scalar_update(P, drive.rows[c], drive.columns, 0.0, variance, scratch[1])
+            scalar_update(P, drive.rows[c], drive.columns, 0.0, variance, gain)
 
 
 @dataclass(frozen=True)
@@ -182,7 +189,6 @@ class ManoeuvringReceiver:
         require_cn0(cn0_dbhz, _HIGHEST_CN0_DBHZ)
         noise = float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), loop.accumulation_s))
         variances = np.empty((len(self.force_e), 2 + len(self.drive.rows)))
-        scratch = np.empty((FURTHER, FURTHER)), np.zeros((3, FURTHER))
         carry_along(
             self.drive,
             self.force_e,
@@ -190,7 +196,7 @@ class ManoeuvringReceiver:
             0.5 * noise / self.drive.step_s,
             np.zeros(0, COUPLING_DTYPE),
             self.P0.copy(),
-            scratch,
+            (step_space(FURTHER), np.zeros((3, FURTHER))),
             variances,
         )
         rms = np.sqrt(variances[first:].mean(axis=0))
