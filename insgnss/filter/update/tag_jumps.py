@@ -85,7 +85,7 @@ def follow_tag_jump(
                 found = tag_evidence(bank.state[member], P, par, rows, epoch, s)
             if found.log_odds > 0.0:
                 note_jump(head, found, par, t_ns)
-    if is_state and abs(bank.state[member].optional[par.at_gnss_time - OFFSETS]) > LONGEST_FOR_RATES_S:
+    if is_state and may_be_long(bank.state[member], P, par.at_gnss_time):
         refuse_from(RANGE_RATE, N_KINDS, lines)
     if head.tag_shown_ns != t_ns:
         return
@@ -113,6 +113,13 @@ def expect_jump(bank: Bank, par: Parameters, t_ns: int, late_s: float) -> None:
     head["tag_odds"] = par.tag_jump_odds
     for member in range(len(bank.P)):
         forget_place(bank.P[member], SPOILT_MPS * late_s)
+
+
+@kernel(inline=True)
+def may_be_long(m: StateRecord, P: Float64, at: int) -> bool:
+    """Return whether the offset of the tags is, or may be, too long for the acceleration of one moment."""
+    limit = LONGEST_FOR_RATES_S
+    return bool(abs(m.optional[at - OFFSETS]) > limit or P[at, at] > limit * limit)
 
 
 @kernel(inline=True)
