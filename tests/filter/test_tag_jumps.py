@@ -172,6 +172,20 @@ def test_jump_whose_offset_is_a_state_makes_it_unknown_and_uses_the_rows() -> No
     np.testing.assert_allclose(grown, h**2 * UNKNOWN_GNSS_TIME.variance, rtol=0.01, atol=1.0)
 
 
+@pytest.mark.parametrize(
+    ("value_s", "sigma_s", "rates"), [(0.0, 1.0, "tag_jump"), (1.0, 1e-3, "tag_jump"), (0.1, 1e-3, "used")]
+)
+def test_range_rates_wait_until_the_offset_is_known_and_short(
+    value_s: float, sigma_s: float, rates: str
+) -> None:
+    """The acceleration of a second ago is another: where a turn had just ended, the velocity was 16 sigma off."""
+    bank, log, (par, work) = tagged_epoch(0.0, np.zeros(9))
+    bank = with_further_states(bank, Layout(), Layout((UNKNOWN_GNSS_TIME,)))
+    bank.state[0].optional[0], bank.P[0, OFFSETS, OFFSETS] = value_s, sigma_s**2
+    par.at_gnss_time = OFFSETS
+    assert follow(bank, log, par, work) == [["used"] * 9, [rates] * 9]
+
+
 def test_hypotheses_are_tested_once() -> None:
     bank, log, (par, work) = tagged_epoch(0.0, np.zeros(9))
     follow(bank, log, par, work)
