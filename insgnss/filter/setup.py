@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -299,3 +300,16 @@ def _refuse_states(states: Any) -> None:
                     key="states",
                     advice=f"rename the column of the state block {block.name!r}, as {block.name}_{column}",
                 )
+
+
+class WorkOfThread(threading.local):
+    """The work space of each thread that runs filters one after the other: a look back runs hundreds of a minute."""
+
+    _setup: FilterSetup | None = None
+    _space: FilterWorkspace
+
+    def space(self, setup: FilterSetup, rows_per_epoch: int) -> FilterWorkspace:
+        """Return the space of this thread for filters of a setup; ``rows_per_epoch`` is always the same."""
+        if self._setup is not setup:
+            self._setup, self._space = setup, setup.workspace(rows_per_epoch)
+        return self._space

@@ -60,7 +60,7 @@ from insgnss.filter.loop import DONE
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import ImuSamples
-from insgnss.filter.setup import FilterSetup
+from insgnss.filter.setup import FilterSetup, WorkOfThread
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.creeping import KEPT_OUT_S
 from insgnss.filter.update.satellite_memory import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
@@ -108,7 +108,7 @@ class Hindsight:
         span: tuple[int, int],
     ) -> None:
         """Run it as it was; ``span`` is where the judgement ends and the time of the last epoch."""
-        self.setup, self.imu = setup, imu
+        self.setup, self.imu, self.work = setup, imu, WorkOfThread()
         self.past, self.stretches = past, in_one_piece(past.epochs)
         self.end_ns, self.now_ns = span
         self.parameters = with_errors_that_last(quiet(parameters), past.banks[0])
@@ -336,7 +336,7 @@ class Hindsight:
     ) -> list[EpochLog] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
         epochs: list[EpochLog] = []
-        work = self.setup.workspace(self.most_rows)
+        work = self.work.space(self.setup, self.most_rows)
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
             now_ns = int(bank.head[0].now_ns)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Final, TypeAlias
 
 import numpy as np
 
+from insgnss.config.imu import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG
-from insgnss.inertial.sensor_model import BiasModel, sensor_model
+from insgnss.inertial.sensor_model import BiasModel, SensorModel, sensor_model
 from insgnss.tables import Float64
 
 ACCELEROMETER, GYRO = "accelerometer", "gyro"
@@ -29,8 +31,14 @@ Widths: TypeAlias = Mapping[str, Float64]  # of a sensor: (3,) sigmas of the jum
 
 def bias_of(sensor: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
     """Return the place of a sensor's biases in the error state, their name in the state, and their model."""
-    model = sensor_model(setup.grade)
+    model = _model(setup.grade)
     return (BA, "b_a", model.accel_bias) if sensor == ACCELEROMETER else (BG, "b_g", model.gyro_bias)
+
+
+@lru_cache(maxsize=8)
+def _model(grade: ImuGrade) -> SensorModel:
+    """Return the model of a grade: a look back asks for it some hundred times."""
+    return sensor_model(grade)
 
 
 def largest_jump(sensor: str, setup: FilterSetup, since_s: float) -> float:
