@@ -61,7 +61,7 @@ def _rest(grade: str, carrier: bool) -> Row:
         ),
         grade,
         looks={"end": 1798.0},
-        in_tests=grade == "industrial",
+        in_tests=carrier and grade == "industrial",
     )
 
 
@@ -85,7 +85,7 @@ def _cruise(grade: str, carrier: bool) -> Row:
         looks={"before the brake": 598.0, "end": 670.0},
         windows={"straight": (0.0, 600.0)},
         times=2,
-        in_tests=carrier,
+        in_tests=carrier and grade != "tactical_low",
     )
 
 
