@@ -20,11 +20,18 @@ from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.integrity.live import LiveProtection, SubFilter, _Monitored
 from insgnss.runs.setup import setup_filter
+from insgnss.simulation.sample_trajectories import airborne_turns
+from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import GnssTable
 from tests.filter.test_engine import no_delay, stream
-from tests.runs.scenes import START_NS, flight, rows_where, turns
+from tests.runs.scenes import START_NS, flight, rows_where, simulator
 from tests.runs.test_protection_levels import OPEN, with_fault
 from tests.sensors.test_live import fed, live_setup, made
+
+
+def sampled(duration_s: float) -> Simulator:
+    """Return turns with 25 samples a second: each goes to a dozen filters, and nothing here depends on their rate."""
+    return simulator(airborne_turns(duration_s), duration_s, imu_rate_hz=25.0)
 
 
 def seconds(t_ns: int) -> float:
@@ -34,7 +41,7 @@ def seconds(t_ns: int) -> float:
 @cache
 def two_constellations() -> FlightInMemory:
     """Return a flight of which every other satellite is called a Galileo satellite; one rises after 25 s."""
-    flown = flight(turns(50.0), seed=911)
+    flown = flight(sampled(50.0), seed=911)
     gnss, navigation = flown.logs.gnss, flown.logs.navigation
     states = satellite_states(gnss, navigation)
     sat = np.column_stack([states.sat[:, :6], states.clock_m, states.drift_mps])
@@ -127,7 +134,7 @@ def test_full_solution_is_that_of_an_engine_without_levels() -> None:
 
 
 def test_fault_that_the_filter_believes_is_told_once_with_its_suspect() -> None:
-    flown = flight(turns(50.0), seed=902)
+    flown = flight(sampled(50.0), seed=902)
     sv = sorted(flown.logs.gnss.sv_names)[1]
     wrong = with_fault(flown, sv, 30.0, -40.0)
     engine, results = streamed(wrong, no_delay(), OPEN)
@@ -144,7 +151,7 @@ def test_fault_that_the_filter_believes_is_told_once_with_its_suspect() -> None:
 
 def test_readings_of_further_sensors_reach_the_sub_filters_late_or_not() -> None:
     """A fault that no satellite of the log has: its sub-filter is the full filter, to the last bit."""
-    flown = made(16.0)
+    flown = made(16.0, 25.0)
     engine = insgnss.Engine(live_setup(flown), integrity=True)
     assert engine._protection is not None
     absent = SubFilter(engine, engine._setup, np.array([0]))
@@ -156,7 +163,7 @@ def test_readings_of_further_sensors_reach_the_sub_filters_late_or_not() -> None
 
 def test_level_is_infinite_where_a_sub_filter_has_no_solution() -> None:
     """Five satellites are enough for a filter; four of them start none."""
-    flown = flight(turns(40.0), seed=905)
+    flown = flight(sampled(40.0), seed=905)
     gnss = flown.logs.gnss
     few = with_log(flown, rows_where(gnss, np.isin(gnss.sv, [0, 1, 2, 3, 4])))
     _, results = streamed(few, no_delay())
@@ -166,7 +173,7 @@ def test_level_is_infinite_where_a_sub_filter_has_no_solution() -> None:
 
 def test_spent_risk_is_told_once() -> None:
     settings: dict[str, object] = {"integrity.risk": 1e-9, "integrity.satellite_fault": 1e-4}
-    engine, results = streamed(flight(turns(25.0), seed=906), no_delay(), settings)
+    engine, results = streamed(flight(sampled(25.0), seed=906), no_delay(), settings)
     assert [event.kind for event in engine.events].count("integrity_risk_spent") == 1
     assert math.isinf(levels_of(results, 20.0)["hpl_m"].min())
 
