@@ -62,6 +62,9 @@ class Flown(NamedTuple):
 
 def flown(folder: Path, text: str, seed: int = 1) -> Flown:
     """Return a drawn flight."""
+    text = text.replace(
+        "[imu]\n", "[imu]\nrate_hz = 25.0\n"
+    )  # a stream costs as many steps as it has samples
     flight = Flight.load(write_flight(folder, text, seed=seed))
     return Flown(flight, flight.read())
 
