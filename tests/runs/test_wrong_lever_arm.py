@@ -18,7 +18,7 @@ from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from tests.runs.scenes import START_S, flight, kinds, turns
 from tests.runs.test_gnss_tags import worst
-from tests.runs.test_imu_tags_found import SURVEYED, assert_stream_has_the_same_bits
+from tests.runs.test_imu_tags_found import SURVEYED, assert_stream_has_the_same_bits, beginning
 
 WRONG_M = (0.5, -2.0, 1.5)  # by which the flight file is off; the part along the way looks like a time offset
 BLAMED = {"imu_distrusted", "satellite_suspect", "rates_late", "reset", "restart"}
@@ -34,6 +34,11 @@ def declared(wrong_m: tuple[float, float, float] = WRONG_M, seed: int = 61) -> F
     return replace(flown, config=config)
 
 
+@cache
+def replayed(wrong_m: tuple[float, float, float]) -> Run:
+    return insgnss.replay(declared(wrong_m))
+
+
 def found(run: Run) -> tuple[float, str]:
     """Return when the lever arm was found to be wrong [s of the flight], and what is said of it."""
     ((at_s, detail),) = run.events.loc[
@@ -46,7 +51,7 @@ def found(run: Run) -> tuple[float, str]:
 def test_error_of_the_lever_arm_is_found_and_nothing_else_is_blamed(
     wrong_m: tuple[float, float, float],
 ) -> None:
-    run = insgnss.replay(declared(wrong_m))
+    run = replayed(wrong_m)
     at_s, detail = found(run)
     assert not BLAMED & set(kinds(run))
     sensors = run.events.loc[run.events["kind"] == "sensor_suspect", "detail"]
@@ -60,7 +65,7 @@ def test_error_of_the_lever_arm_is_found_and_nothing_else_is_blamed(
     assert worst(insgnss.replay(declared(wrong_m), settings={"health.recovery": False}), at_s) > 6.0
 
 
-@pytest.mark.parametrize("seed", range(71, 77))
+@pytest.mark.parametrize("seed", range(71, 74))
 def test_right_lever_arm_is_not_doubted(seed: int) -> None:
     run = insgnss.replay(declared((0.0, 0.0, 0.0), seed))
     assert not ({"lever_arm_suspect", "time_tag_suspect"} | BLAMED) & set(kinds(run))
@@ -84,11 +89,11 @@ def test_lever_arm_without_room_for_its_states_does_not_become_one() -> None:
 
 
 def test_stream_has_the_same_bits() -> None:
-    assert_stream_has_the_same_bits(declared(), "lever_arm_suspect")
+    assert_stream_has_the_same_bits(beginning(declared(), 66.0), "lever_arm_suspect")
 
 
 def test_smoother_goes_back_to_where_it_was_found() -> None:
-    smoothed, filtered = insgnss.replay(declared(), smooth=True), insgnss.replay(declared())
+    smoothed, filtered = insgnss.replay(declared(), smooth=True), replayed(WRONG_M)
     at_s, _ = found(filtered)
     before = [
         run.nav.loc[run.nav["time_s"] < START_S + at_s, "lat_deg"].to_numpy() for run in (smoothed, filtered)
