@@ -313,8 +313,7 @@ def random_delays() -> Iterator[int]:
         yield int(rng.integers(0, 990_000_000))
 
 
-@pytest.mark.parametrize("delays", [no_delay, random_delays])
-@pytest.mark.parametrize("start", ["automatic", "given"])
+@pytest.mark.parametrize(("start", "delays"), [("automatic", random_delays), ("given", no_delay)])
 def test_stream_with_own_rows_gives_the_bits_of_replay(start: str, delays: object) -> None:
     """Rows between epochs and samples, at them, in an outage of 15 s, and after the last epoch."""
     base = with_faults(turns(75.0), [outage(None, 40.0, 55.0), outage(None, 72.0, 76.0)])

@@ -27,7 +27,7 @@ def quick_start() -> Simulator:
     return Simulator(assemble(config, Path()))
 
 
-@pytest.mark.parametrize("seed", [1, 4, 9, 10])
+@pytest.mark.parametrize("seed", [1, 9])
 def test_odometer_that_is_late_does_not_outvote_the_range_rates(seed: int) -> None:
     """0.2 s late, ten readings a second: velocity and yaw were 50 to 480 sigma wrong in these draws."""
     late = simulated(

@@ -22,7 +22,6 @@ BLAMED = {"sensor_suspect", "satellite_suspect", "time_tag_suspect", "imu_distru
     ("kind", "base", "late_s", "words"),
     [
         ("odometer", city_car, 1.0, "its errors are larger than its sigma"),
-        ("odometer", city_car, -1.0, "its errors are larger than its sigma"),
         ("attitude", lambda: turns(60.0), 1.0, "its readings are about 1.0 s late"),
     ],
 )
