@@ -117,6 +117,7 @@ class Hindsight:
         onsets_ns = [self.end_ns - onset_s * NS_PER_S for onset_s in reversed(_ONSETS_S)]
         bank = self.oldest()
         self.before: list[Bank] = []
+        self.known: dict[int, Bank | None] = {}  # filters of other times, as they are asked for
         self.base: list[EpochLog] = []
         self.since: dict[int, WrittenRows] = {}  # of the base, what was written after a time
         self.came_through = True
@@ -132,8 +133,7 @@ class Hindsight:
     def oldest(self) -> Bank:
         """Return the oldest filter of the past."""
         bank = copy_bank(self.past.banks[0])
-        bank.head["heading_open"] = 0
-        bank.head["log_likelihood"] = 0.0
+        bank.head["heading_open"], bank.head["log_likelihood"] = 0, 0.0
         return bank
 
     @property
@@ -254,9 +254,11 @@ class Hindsight:
         return verdict if again is None else verdict._replace(bank=again.bank)
 
     def at(self, t_ns: int) -> Bank | None:
-        """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""
-        bank = copy_bank(self.before[bisect_right(self.before, t_ns, key=_now_ns) - 1])
-        return None if self.until(bank, t_ns) is None else bank
+        """Return the filter as it was at the last epoch up to a time, to be copied; None where it came to nothing."""
+        if t_ns not in self.known:
+            bank = copy_bank(self.before[bisect_right(self.before, t_ns, key=_now_ns) - 1])
+            self.known[t_ns] = None if self.until(bank, t_ns) is None else bank
+        return self.known[t_ns]
 
     def plausible(self, bank: Bank, largest: Widths) -> bool:
         """Return whether the biases are still plausible: a faulty or stuck sensor has no bias."""
@@ -289,7 +291,7 @@ class Hindsight:
         Candidate sets come from the range rates of the last seconds. Others add to the likeliest set the satellites
         that still look like a ramp in the filter without it.
         """
-        starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
+        starts = [b for b in self.before[:-1] if self.end_ns - _now_ns(b) <= WITHOUT_S * NS_PER_S]
         most = most_satellites(self.base)
         if not starts or most < 1:
             return []
@@ -302,7 +304,7 @@ class Hindsight:
                 {each: result for each, result in zip(new, results, strict=True) if result is not None}
             )
 
-        alone = singles(self.base, int(starts[0].head[0].now_ns))
+        alone = singles(self.base, _now_ns(starts[0]))
         hear((*alone, *run_away_sets(self.base, self.end_ns)))
         for size in range(1, MOST_SATELLITES):
             of_size = [entry for satellites, entry in heard.items() if len(satellites) == size]
@@ -339,8 +341,7 @@ class Hindsight:
         work = self.work.space(self.setup, self.most_rows)
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
-            now_ns = int(bank.head[0].now_ns)
-            first, last = stretch.first + np.searchsorted(times_ns, [now_ns, stop_ns], side="right")
+            first, last = stretch.first + np.searchsorted(times_ns, [_now_ns(bank), stop_ns], side="right")
             if last <= first:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
@@ -385,7 +386,7 @@ class Hindsight:
 
 
 def _now_ns(bank: Bank) -> int:
-    return int(bank.head[0].now_ns)
+    return int(bank.head["now_ns"][0])
 
 
 def log_likelihood_of(verdict: Verdict) -> float:
