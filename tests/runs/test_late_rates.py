@@ -22,6 +22,7 @@ from tests.benchmarks.trust.rows import Case
 from tests.filter.test_engine import assert_same_bits, no_delay, shortened, stream
 from tests.runs.test_suspects import (
     ATTITUDE,
+    BEGIN_S,
     FAULT_S,
     POSITION,
     VELOCITY,
@@ -79,7 +80,7 @@ def test_lag_that_was_found_is_kept_over_a_gap_of_the_inertial_samples() -> None
 
 def test_engine_finds_the_lag_as_replay_does_to_the_bit() -> None:
     flight = lagging()
-    logs = shortened(flight.logs, FAULT_S + 60.0)
+    logs = shortened(flight.logs, FAULT_S + 60.0 - BEGIN_S)
     engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
     stream(engine, logs, no_delay())
     assert_same_bits(engine.take_results(all_of_them=True), logs, replace(flight, logs=logs))
