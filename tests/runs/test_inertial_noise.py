@@ -82,13 +82,12 @@ def test_noise_of_the_grade_counts_again_when_the_vibration_is_over() -> None:
         assert run.nav[name].iloc[-1] < 1.5 * usual.nav[name].iloc[-1]
 
 
-@pytest.mark.parametrize("seed", [23, 24])
-def test_grade_that_is_thirty_times_too_good_is_found(seed: int) -> None:
+def test_grade_that_is_thirty_times_too_good_is_found() -> None:
     """White noise of 3.5 deg/s and 1.4 m/s^2 in each sample of a tactical sensor: up to 64 m, 98 sigma of yaw.
 
     As its attitude was found by such samples, the filter restarts.
     """
-    run = insgnss.replay(shaken(flight(turns(), seed=seed), (5.0, 2.0), None, 0.0, np.inf))
+    run = insgnss.replay(shaken(flight(turns(), seed=24), (5.0, 2.0), None, 0.0, np.inf))
     assert_honest(run, found_s(run) + 2.0, sigmas=8.0)
 
 
