@@ -5,12 +5,10 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Generator
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-import typer.testing
 from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -20,8 +18,6 @@ GARBAGE_AFTER = 20_000
 # The same examples in every run, and no deadline: the first call of a kernel compiles it.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
-# Typer's runner makes the tree of all commands at each call: 70 ms, where most calls take three. It has no state.
-typer.testing._get_command = cache(typer.testing._get_command)
 
 
 @pytest.hookimpl(wrapper=True)
