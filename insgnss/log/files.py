@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import os
+import re
 import zipfile
 import zlib
 from contextlib import suppress
@@ -24,6 +25,17 @@ GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
 ZIP_MAGIC = b"PK\x03\x04"
 _MAGIC_BYTES: Final = 4
+_FOREIGN: Final = {
+    b"BZh": "packed by bzip2",
+    b"\xfd7zXZ": "packed by xz",
+    b"7z\xbc\xaf": "a 7z archive",
+    b"Rar!": "a RAR archive",
+    b"\x28\xb5\x2f\xfd": "packed by Zstandard",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet or document of an office program",
+    b"%PDF": "a PDF document",
+}
+_WEB_PAGE: Final = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype\s+html|html\b)", re.IGNORECASE)
+_HEAD_BYTES: Final = 256  # of a file, in which a web page says that it is one
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 # Logs shrink to a third or a twentieth; a file of zeros to a thousandth
 MOST_TIMES: Final = 100
@@ -44,20 +56,22 @@ def file_buffer(path: Path) -> pa.Buffer:
     Raises
     ------
     MissingFileError : no such file
-    InputError : empty file, unreadable file, or a packed file that is cut or damaged
+    InputError : empty file, unreadable file, a packed file that is cut or damaged, or no log: a web page, for example
     """
     existing_file(path)
     try:
         if path.stat().st_size == 0:
             raise InputError("the file is empty", file=path, advice="check how it was recorded or copied")
         with path.open("rb") as stream:
-            magic = stream.read(_MAGIC_BYTES)
+            head = stream.read(_HEAD_BYTES)
+        magic = head[:_MAGIC_BYTES]
         if magic.startswith(COMPRESS_MAGIC):
             return _uncompressed(path)
         if magic.startswith(GZIP_MAGIC):
             return _unpacked(path)
         if magic == ZIP_MAGIC:
             return _from_archive(path)
+        _refuse_foreign(head, path)
         return pa.memory_map(os.fsencode(path)).read_buffer()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
@@ -70,6 +84,23 @@ def file_buffer(path: Path) -> pa.Buffer:
         ) from error
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _refuse_foreign(head: bytes, path: Path) -> None:
+    """Raise InputError for what a download or a program leaves in place of a log."""
+    if _WEB_PAGE.match(head):
+        raise InputError(
+            "this is a web page, not a log",
+            file=path,
+            advice="the server answered with a page, because the address is wrong or asks for a login: download the"
+            " file again",
+        )
+    for magic, what in _FOREIGN.items():
+        if head.startswith(magic):
+            action = "unpack it" if "pack" in what or "archive" in what else "save its table as CSV"
+            raise InputError(
+                f"the file is {what}", file=path, advice=f"{action}, and name the file that results"
+            )
 
 
 def first_bytes(path: Path, most: int) -> bytes:

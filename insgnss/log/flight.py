@@ -231,7 +231,10 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
     elif config.imu is not None and not config.imu.counts_in_gps_week:
         t_ns = read_imu(config.imu, 0, grade)[0].t_ns
     if not len(t_ns):
-        advice = "give gps_week, the GPS week in which the logs' seconds count"
+        advice = (
+            "give gps_week, the GPS week in which the logs' seconds count; if their times are dates or Unix time, declare"
+            " time.origin under [imu] and [gnss] instead"
+        )
         raise ConfigError("missing key", file=path, key="gps_week", advice=advice)
     return int(t_ns[0]) // NS_PER_WEEK
 

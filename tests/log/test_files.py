@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import hashlib
 import io
+import lzma
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +16,7 @@ import pytest
 
 from insgnss.errors import InputError
 from insgnss.log.files import byte_stream, file_buffer, file_text, first_bytes
+from insgnss.log.rinex.navigation import read_navigation
 
 TEXT = "time_s,x,y,name\n1,2,3,a\n"
 # compress 4.2.4 of Debian: printf 'time_s,x,y,name\\n1,2,3,a\\n' | compress -c | xxd -p
@@ -97,3 +100,20 @@ def test_archives_that_cannot_be_read_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 def test_text_with_a_byte_order_mark_is_read(tmp_path: Path, encoding: str) -> None:
     assert file_text(written(tmp_path, TEXT.encode(encoding))) == TEXT
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"<!DOCTYPE html>\n<html><body>Log in</body></html>", "web page.*login: download"),
+        (b"\xef\xbb\xbf\n <HTML>\n<h1>404</h1>", "web page"),
+        (bz2.compress(TEXT.encode()), "packed by bzip2.*unpack it"),
+        (lzma.compress(TEXT.encode()), "packed by xz.*unpack it"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "spreadsheet.*as CSV"),
+    ],
+)
+def test_what_a_download_leaves_in_place_of_a_log_is_named(tmp_path: Path, head: bytes, words: str) -> None:
+    path = written(tmp_path, head, "brdc2350.16n.gz")
+    for read in (file_buffer, lambda own: first_bytes(own, 10), lambda own: read_navigation([own])):
+        with pytest.raises(InputError, match=rf"(?s)brdc2350\.16n\.gz.*{words}"):
+            read(path)

@@ -48,3 +48,8 @@ def test_week_left_out_is_that_of_the_logs(
 def test_week_that_no_time_tells_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"'gps_week': missing key(.|\n)*give gps_week"):
         load(tmp_path, GNSS + IMU, ["293702.0", "293703.0"], ["293702.0", "293702.1"])
+
+
+def test_dates_that_no_key_declares_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"are dates or Unix time, declare\s+time\.origin"):
+        load(tmp_path, GNSS + IMU, ISO, ISO)

@@ -44,13 +44,20 @@ class RatesInTime(NamedTuple):
     def lag_s(self, timing: Timing) -> float | None:
         """Return the lag that explains an offset as well as wrong tags: they differ in what the ranges should say.
 
-        None where the ranges, or a lag below zero, rule it out.
+        None where the ranges rule it out. A lag below zero does not exist: with zero instead, an offset of the tags
+        remains, and only one that would be proposed by itself rules the lag out.
         """
         late_s, sd_s = self.used_s + timing.offset_s, float(np.hypot(self.sd_s, timing.sd_s))
-        if not -SUSPECT_SIGMAS * timing.sd_s <= late_s <= LONGEST_LAG_S:
+        no_other = self.used_s <= 0.0 and late_s <= 0.0
+        if no_other or not -proposed_from(timing.sd_s) <= late_s <= LONGEST_LAG_S:
             return None
         ruled_out = (timing.offset_s - self.rest_s) ** 2 - self.rest_s**2 > SURE * sd_s**2
         return None if ruled_out else max(late_s, 0.0)
+
+
+def proposed_from(sd_s: float) -> float:
+    """Return the size [s] from which an offset is proposed."""
+    return max(SIGNIFICANT_SIGMAS * sd_s, SMALLEST_S)
 
 
 NO_RATES: Final = RatesInTime(-np.inf, 0.0, np.inf)  # the velocities are not of range rates
@@ -71,7 +78,7 @@ def offset_findings(
     offset_s, sd_s = timing.offset_s, timing.sd_s
     leap = leap_seconds(ns_to_datetime(origin_ns))
     weeks, hours, leaps, rest = split(offset_s, leap)
-    significant = abs(rest) > max(SIGNIFICANT_SIGMAS * sd_s, SMALLEST_S)
+    significant = abs(rest) > proposed_from(sd_s)
     lag_s = rates.lag_s(timing)
     if not (weeks or hours or leaps) and not significant:
         return [_small_offset(offset_s, sd_s, lag_s)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import replace
 from typing import Final, Literal
 
@@ -16,6 +17,7 @@ _Order = Literal["ymd", "dmy", "mdy"]
 _ORDERS: Final[tuple[_Order, ...]] = ("ymd", "dmy", "mdy")
 _EXAMPLES: Final = {"ymd": "2025-08-28", "dmy": "28.08.2025", "mdy": "08/28/2025"}
 _TABLES: Final = "[imu.time], [gnss.time] or [reference.time]"
+_MINUS_SIGNS: Final = "\u2212\u2013\ufe63\uff0d"
 _DATE: Final = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _CLOCK: Final = re.compile(r"(?:.*[Tt\s])?\d\d?:\d\d")
 _EIGHT_DIGITS: Final = re.compile(r"\d{8}")
@@ -39,7 +41,18 @@ def number_advice(cell: str, decimal: str) -> str:
         )
     if _is_date_alone(cell):
         return "these are dates: name this column as columns.date, that of the times of day as columns.time"
+    plain = "".join(_plain_letter(letter) for letter in cell)
+    if plain != cell and re.match(NUMBER, plain):
+        return f"write numbers with the digits 0 to 9 and the hyphen as minus sign: {plain}"
     return "check under 'columns' in the flight file which column holds what"
+
+
+def _plain_letter(letter: str) -> str:
+    """Return the ASCII form of a digit or minus sign of another script or of typography, others as they are."""
+    if letter in _MINUS_SIGNS:
+        return "-"
+    value = unicodedata.digit(letter, None)
+    return letter if value is None else str(value)
 
 
 def date_advice(cell: str, calendar: Calendar) -> str:

@@ -142,6 +142,27 @@ def test_offset_may_be_a_lag_unless_the_ranges_rule_it_out(
     assert ahead is None, "rates do not run ahead of the motion"
 
 
+@pytest.mark.parametrize(
+    ("offset_s", "lag_s"),
+    [
+        (-0.236, 0.0),
+        (-0.251, None),
+        (-0.18, 0.02),
+    ],  # 0.036 s too far is no offset that would be proposed, 0.05 s is
+)
+def test_lag_that_is_declared_but_absent_is_not_blamed_on_the_tags(
+    offset_s: float, lag_s: float | None
+) -> None:
+    """A city's tags, by their sigma 0.036 s or 3.4 sigma off, were to be set 0.236 s back: surely, as it was said."""
+    found = RatesInTime(0.2, -0.327, 0.075).lag_s(Timing(offset_s, 0.0099, 0.0, 100.0))
+    assert found == (None if lag_s is None else pytest.approx(lag_s))
+
+
+def test_rates_that_do_not_lag_are_no_other_reading_of_early_tags() -> None:
+    """``gnss.range_rate_lag_s = 0`` is what the flight file says already."""
+    assert RatesInTime(0.0, 0.0, np.inf).lag_s(Timing(-0.04, 0.01, 0.0, 100.0)) is None
+
+
 def test_velocities_of_late_rates_are_not_made_up_over_a_gap() -> None:
     t_s = np.concatenate((np.arange(0.0, 10.0, 0.5), np.arange(60.0, 70.0, 0.5)))
     ones = np.ones(len(t_s))
