@@ -28,6 +28,7 @@ The main job is two calls::
 
 from __future__ import annotations
 
+from insgnss.cli import interrupt  # noqa: F401 - first: it answers Ctrl-C while the rest is loaded
 from insgnss.errors import InsGnssError
 from insgnss.filter.engine_results import NavState
 from insgnss.filter.layout import Coupling, GaussMarkov, RandomWalk, StateBlock

@@ -20,6 +20,7 @@ from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
 from insgnss.cli.demo import demo
 from insgnss.cli.export import export
+from insgnss.cli.interrupt import INTERRUPTED, raise_at_interrupt
 from insgnss.cli.iq import iq
 from insgnss.cli.margin import margin
 from insgnss.cli.models import models
@@ -48,7 +49,7 @@ EXIT_CODES: Final = {
     3: "a file that is missing, or a log that cannot be used",
     4: "the filter could not start",
     5: "a run or a result that cannot be read or written",
-    130: "interrupted",
+    INTERRUPTED: "interrupted",
 }
 _SAMPLE = "data/sample_flight/flight.toml"
 # each works as pasted in the repository's folder, in this order
@@ -97,6 +98,7 @@ def options(
     ] = False,
 ) -> None:
     """Tightly coupled INS/GNSS navigation: logs in, a navigation solution out."""
+    raise_at_interrupt()
     # a file's name need not be a text, nor the terminal know every letter
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

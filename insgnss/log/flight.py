@@ -232,8 +232,8 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
         t_ns = read_imu(config.imu, 0, grade)[0].t_ns
     if not len(t_ns):
         advice = (
-            "give gps_week, the GPS week in which the logs' seconds count; if their times are dates or Unix time, declare"
-            " time.origin under [imu] and [gnss] instead"
+            "give gps_week, the GPS week in which the logs' seconds count; if their times are dates or Unix time, "
+            "declare time.origin under [imu] and [gnss] instead"
         )
         raise ConfigError("missing key", file=path, key="gps_week", advice=advice)
     return int(t_ns[0]) // NS_PER_WEEK
