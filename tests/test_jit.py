@@ -103,6 +103,17 @@ def test_source_hash_changes_with_any_source(package_copy: Path, change: str) ->
     assert jit.source_hash() != before
 
 
+def test_each_installation_has_a_folder_of_its_own(tmp_path: Path) -> None:
+    """Numba compiles for each place of a file: what is complete for one is not there for the other."""
+    program = "from insgnss.kernels import jit; print(jit.CACHE_DIR)"
+    names = []
+    for place in ("one", "other", "one"):
+        if not (tmp_path / place).exists():
+            package_with_jit_alone(tmp_path / place)
+        names.append(python("-c", program, folder=tmp_path / place, INSGNSS_CACHE=str(tmp_path / "cache")))
+    assert names[0] == names[2] != names[1]
+
+
 def test_code_that_checks_its_indices_has_a_cache_of_its_own(tmp_path: Path) -> None:
     package_with_jit_alone(tmp_path)
     program = "from insgnss.kernels import jit; print(jit.source_hash())"

@@ -1,8 +1,8 @@
 """The decorator of the kernels and the cache policy.
 
-Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
-Python, NumPy and Numba: Numba itself only notices an edit of the file of a function, not of the functions it
-calls. When a new folder is made, folders of earlier versions unused for 30 days are removed.
+Compiled code is cached in a folder whose name holds hashes of all of the package's own sources, of the versions of
+Python, NumPy and Numba, and of where the package lies: Numba itself only notices an edit of the file of a function, not
+of the functions it calls. When a new folder is made, folders of earlier versions unused for 30 days are removed.
 Each file ends in its SHA-256: a damaged one is compiled again. The files are pickles and machine code, so files of
 another user are never loaded, nor is a folder of another user used.
 ``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
@@ -70,6 +70,16 @@ def source_hash() -> str:
         digest.update(str(path.relative_to(package)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def cache_name() -> str:
+    """Return the name of the folder of this installation's code.
+
+    Numba keeps the code of each place of a file apart: of two installations of the same sources, one that finds the
+    other's list complete would compile as it goes, in one process and without a word.
+    """
+    place = hashlib.sha256(os.fsencode(Path(__file__).absolute().parents[1])).hexdigest()
+    return f"{source_hash()}-{place[:8]}"
 
 
 def cache_root() -> Path:
@@ -141,7 +151,7 @@ def tend_caches(folder: Path) -> None:
                 shutil.rmtree(other, ignore_errors=True)
 
 
-CACHE_DIR: Final = trusted_cache(cache_root()) / source_hash()
+CACHE_DIR: Final = trusted_cache(cache_root()) / cache_name()
 tend_caches(CACHE_DIR)
 
 
