@@ -22,6 +22,7 @@ from insgnss.tables import Float64
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS: Final = 0.5
 _SIGMAS: Final = 5.0
+_LEAST_FORCE_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
 
 
 class MeasuredVelocity(NamedTuple):
@@ -48,9 +49,12 @@ def velocities_show_rest(
 def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
     """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be.
 
-    They may exceed the grade if gravity does not turn with them.
+    They may exceed the grade if gravity does not turn with them. Accelerometers that do not feel gravity do not measure,
+    or the vehicle falls.
     """
     start = config.start
+    if float(np.linalg.norm(window.still_f_b)) < _LEAST_FORCE_MPS2:
+        return False
     limit = math.radians(start.rest_rate_degps)
     steady = window.spread_w < limit and window.spread_f < start.rest_accel_mps2
     read = np.abs(window.w_ib_b).max()
