@@ -49,8 +49,8 @@ def velocities_show_rest(
 def samples_show_rest(window: AlignmentWindow, config: FilterConfig, grade: ImuGrade) -> bool:
     """Return whether gyros and accelerometers hold still, and the gyros read no more than their biases may be.
 
-    They may exceed the grade if gravity does not turn with them. Accelerometers that do not feel gravity do not measure,
-    or the vehicle falls.
+    They may exceed the grade if gravity does not turn with them. Accelerometers that do not feel gravity do not
+    measure, or the vehicle falls.
     """
     start = config.start
     if float(np.linalg.norm(window.still_f_b)) < _LEAST_FORCE_MPS2:

@@ -75,7 +75,8 @@ def _cruise(grade: str, carrier: bool) -> Row:
         scenario(name, *moves, grade=grade, speed_mps=30.0, carrier=carrier),
         (
             Check("yaw error < 3 sigma on the straight", "most", "straight.yaw.worst", high=3.0),
-            *nees("yaw", at="before the brake"),
+            # on a straight only the course is known, and the sigma stays wide whatever the error
+            *(replace(check, low=0.0) for check in nees("yaw", at="before the brake")),
             *nees(*ALL),
             *honest(),
             *UNHURT,
@@ -228,6 +229,7 @@ def _car_outage(grade: str, most_m: float) -> Row:
         vehicle=CAR,
         output=1.0,
         measures={"position_m": position_m(to_s - 1.5, to_s - 0.5)},
+        times=3,  # 12 runs of a mean of 0.45 are below 0.25 once in twenty pages
     )
 
 
