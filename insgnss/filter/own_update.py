@@ -43,7 +43,7 @@ from insgnss.filter.rows.lines import ANTENNA_DTYPE, AntennaState
 from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, StateRecord
+from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors, turn_force_errors
 from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
@@ -102,7 +102,6 @@ def use_own_rows(
     """
     assert setup.own is not None
     par, n, lead = parameters[0], bank.P.shape[1], int(bank.head[0].leader)
-    assert n == OFFSETS + setup.layout.n_optional  # the kernels would write beyond a smaller filter
     for m, P in zip(bank.state, bank.P, strict=True):
         predict_covariance(m, P, par, scratch)
         if par.at_imu_time >= 0:
