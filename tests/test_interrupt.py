@@ -10,6 +10,7 @@ import pytest
 # interrupts the process when a module that the package needs is looked for
 LOAD = """
 import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background process ignores it from the start
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
         if name == "numpy":

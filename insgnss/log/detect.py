@@ -53,13 +53,6 @@ _OTHER_BAGS: Final = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with 'rosbags-convert --src IN.bag --dst OUT --dst-storage mcap'",
     b"SQLite format 3\0": "a ROS 2 bag in SQLite (.db3): convert it to MCAP, with 'ros2 bag convert' or 'mcap convert'",
 }
-_PACKED: Final = {
-    b"BZh": "bzip2",
-    b"\xfd7zXZ": "xz",
-    b"7z\xbc\xaf": "7-Zip",
-    b"Rar!": "RAR",
-    b"\x28\xb5\x2f\xfd": "zstd",
-}
 _NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
@@ -181,9 +174,6 @@ def _looks_like(data: bytes) -> str:
     for magic, bag in _OTHER_BAGS.items():
         if data.startswith(magic):
             return f"this looks like {bag}"
-    for magic, packing in _PACKED.items():
-        if data.startswith(magic):
-            return f"this is packed by {packing}: unpack it (gzip, zip and .Z are read as they are)"
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
         return "this begins like NMEA, but no sentence of it has a valid checksum"
     if data[:1] == _RTCM_PREAMBLE:

@@ -97,7 +97,11 @@ def _refuse_foreign(head: bytes, path: Path) -> None:
         )
     for magic, what in _FOREIGN.items():
         if head.startswith(magic):
-            action = "unpack it" if "pack" in what or "archive" in what else "save its table as CSV"
+            action = (
+                "unpack it (gzip, zip and .Z are read as they are)"
+                if "pack" in what or "archive" in what
+                else "save its table as CSV"
+            )
             raise InputError(
                 f"the file is {what}", file=path, advice=f"{action}, and name the file that results"
             )
