@@ -171,10 +171,10 @@ def sum_sensor_errors(couplings: Couplings, A: Float64, B: Float64, n: int) -> N
     k, count = 0, couplings.shape[0]
     while k < count:
         at, bias, factor = couplings[k].at, couplings[k].bias, couplings[k].factor
-        if k + 2 < count and couplings[k + 2].bias == bias:  # three at a time: two passes over the row less
+        if k + 2 < count and couplings[k + 2].bias == bias:  # one pass over the row in place of three
             second, by_second = couplings[k + 1].at, couplings[k + 1].factor
             third, by_third = couplings[k + 2].at, couplings[k + 2].factor
-            if factor != 0.0 or by_second != 0.0 or by_third != 0.0:  # none of a rate on a straight
+            if factor != 0.0 or by_second != 0.0 or by_third != 0.0:  # on a straight there is no rate
                 for c in range(n):
                     B[bias, c] += factor * A[at, c] + by_second * A[second, c] + by_third * A[third, c]
             k += 3

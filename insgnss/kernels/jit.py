@@ -76,7 +76,7 @@ def cache_name() -> str:
     """Return the name of the folder of this installation's code.
 
     Numba keeps the code of each place of a file apart: of two installations of the same sources, one that finds the
-    other's list complete would compile as it goes, in one process and without a word.
+    other's list complete would compile during its run, in one process and without a message.
     """
     place = hashlib.sha256(os.fsencode(Path(__file__).absolute().parents[1])).hexdigest()
     return f"{source_hash()}-{place[:8]}"

@@ -25,14 +25,16 @@ GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
 ZIP_MAGIC = b"PK\x03\x04"
 _MAGIC_BYTES: Final = 4
+_UNPACK: Final = "unpack it (gzip, zip and .Z are read as they are)"
+_SAVE: Final = "save its table as CSV"
 _FOREIGN: Final = {
-    b"BZh": "packed by bzip2",
-    b"\xfd7zXZ": "packed by xz",
-    b"7z\xbc\xaf": "a 7z archive",
-    b"Rar!": "a RAR archive",
-    b"\x28\xb5\x2f\xfd": "packed by Zstandard",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet or document of an office program",
-    b"%PDF": "a PDF document",
+    b"BZh": ("packed by bzip2", _UNPACK),
+    b"\xfd7zXZ": ("packed by xz", _UNPACK),
+    b"7z\xbc\xaf": ("a 7z archive", _UNPACK),
+    b"Rar!": ("a RAR archive", _UNPACK),
+    b"\x28\xb5\x2f\xfd": ("packed by Zstandard", _UNPACK),
+    b"\xd0\xcf\x11\xe0": ("a spreadsheet or document of an office program", _SAVE),
+    b"%PDF": ("a PDF document", _SAVE),
 }
 _WEB_PAGE: Final = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype\s+html|html\b)", re.IGNORECASE)
 _HEAD_BYTES: Final = 256  # of a file, in which a web page says that it is one
@@ -95,13 +97,8 @@ def _refuse_foreign(head: bytes, path: Path) -> None:
             advice="the server answered with a page, because the address is wrong or asks for a login: download the"
             " file again",
         )
-    for magic, what in _FOREIGN.items():
+    for magic, (what, action) in _FOREIGN.items():
         if head.startswith(magic):
-            action = (
-                "unpack it (gzip, zip and .Z are read as they are)"
-                if "pack" in what or "archive" in what
-                else "save its table as CSV"
-            )
             raise InputError(
                 f"the file is {what}", file=path, advice=f"{action}, and name the file that results"
             )

@@ -17,7 +17,7 @@ from insgnss.filter.output.total_sigmas import slow_sigmas, total_values
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.whole_log import run_filter
-from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.setup import engine_settings, setup_filter
 from insgnss.simulation.faults import carrier_alone, cycle_slip, half_cycle, outage
 from insgnss.simulation.observations import NoiseTerms
@@ -53,6 +53,12 @@ def shortened(logs: FlightLogs, seconds: float) -> FlightLogs:
     imu = type(logs.imu)(logs.imu.t_ns[:n], logs.imu.w_ib_b[:n], logs.imu.f_b[:n])
     gnss = logs.gnss.take(np.flatnonzero(logs.gnss.t_ns < stop))
     return FlightLogs(imu, gnss, logs.navigation, None, [], {})
+
+
+def beginning(flown: FlightInMemory, seconds: float) -> FlightInMemory:
+    """Return the first seconds of a flight with its reference: a stream takes far longer than a replay."""
+    logs = dataclasses.replace(shortened(flown.logs, seconds), reference=flown.logs.reference)
+    return dataclasses.replace(flown, logs=logs)
 
 
 def epochs(gnss: GnssTable) -> list[GnssTable]:

@@ -62,9 +62,8 @@ class Flown(NamedTuple):
 
 def flown(folder: Path, text: str, seed: int = 1) -> Flown:
     """Return a drawn flight."""
-    text = text.replace(
-        "[imu]\n", "[imu]\nrate_hz = 25.0\n"
-    )  # a stream costs as many steps as it has samples
+    # a stream takes a step for each sample
+    text = text.replace("[imu]\n", "[imu]\nrate_hz = 25.0\n")
     flight = Flight.load(write_flight(folder, text, seed=seed))
     return Flown(flight, flight.read())
 

@@ -15,15 +15,14 @@ from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.observations import NoiseTerms
-from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.status import DUPLICATE, NO_IMU, TOO_LATE, USED
 from insgnss.tables import GnssTable, ImuTable
-from tests.runs.scenes import START_NS, flight, simulator, true_start, with_faults, without_samples
+from tests.runs.scenes import START_NS, flight, true_start, turns, with_faults, without_samples
 
 CARRIER_NOISE = NoiseTerms(floor=0.0015, elevation=0.0007, cn0=0.0015)
 DURATION_S = 40.0
 LATENCY_S = 2.5  # two epochs and a half may stand behind a late one
-BASE = simulator(airborne_turns(DURATION_S), DURATION_S, imu_rate_hz=50.0)
+BASE = turns(DURATION_S, imu_rate_hz=50.0)
 Arrivals = list[tuple[int, GnssTable]]  # when, and what
 
 

@@ -9,12 +9,11 @@ import pytest
 
 from insgnss.filter.engine import FilterEngine
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.tables import ImuTable
 from tests.filter.test_engine_arrivals import LATENCY_S, assert_replayed, epochs, feed, late, with_latency
-from tests.runs.scenes import START_NS, flight, simulator, without_samples
+from tests.runs.scenes import START_NS, flight, turns, without_samples
 
-BASE = simulator(airborne_turns(60.0), 60.0, imu_rate_hz=50.0)
+BASE = turns(60.0, imu_rate_hz=50.0)
 
 
 @pytest.fixture(scope="module")

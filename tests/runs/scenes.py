@@ -103,9 +103,9 @@ def simulator(
 
 
 @cache
-def turns(duration_s: float = 120.0, first_tag_s: float = 1.0) -> Simulator:
+def turns(duration_s: float = 120.0, first_tag_s: float = 1.0, imu_rate_hz: float = 100.0) -> Simulator:
     """Return an aircraft in the air over the airfield, 10 s straight and then turns of 35 deg of bank."""
-    return simulator(airborne_turns(duration_s), duration_s, first_tag_s=first_tag_s)
+    return simulator(airborne_turns(duration_s), duration_s, first_tag_s=first_tag_s, imu_rate_hz=imu_rate_hz)
 
 
 def with_faults(base: Simulator, faults: Sequence[Fault] = (), clock: ClockStart | None = None) -> Simulator:

@@ -23,11 +23,11 @@ from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64
 from tests.filter.scene import place, rows_of, sky
+from tests.filter.test_engine import beginning
 from tests.runs.scenes import START_NS, START_S, flight, kinds, turns, without_samples
 from tests.runs.test_imu_tags_found import (
     NAMES,
     assert_stream_has_the_same_bits,
-    beginning,
     rms_over_sigma,
 )
 

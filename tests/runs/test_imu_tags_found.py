@@ -28,7 +28,7 @@ from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.studies.outage.study import outage_study
 from insgnss.tables import ImuTable
-from tests.filter.test_engine import assert_same_bits, no_delay, shortened, stream
+from tests.filter.test_engine import assert_same_bits, beginning, no_delay, stream
 from tests.runs.scenes import START_S, flight, kinds, turns, without_samples
 from tests.runs.test_imu_time import EXACT, PLAIN, found, with_late_imu
 
@@ -41,14 +41,6 @@ NAMES = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_d
 @cache
 def late(by_s: float = LATE_S, seed: int = 23) -> FlightInMemory:
     return with_late_imu(flight(turns(180.0), seed=seed), by_s)
-
-
-def beginning(flown: FlightInMemory, seconds: float) -> FlightInMemory:
-    """Return the first seconds of a flight: a stream takes far longer than a replay.
-
-    Of a multiple of three the last epoch is one that comes in time.
-    """
-    return replace(flown, logs=replace(shortened(flown.logs, seconds), reference=flown.logs.reference))
 
 
 @cache
@@ -95,7 +87,10 @@ def test_offset_that_is_found_becomes_a_state_and_the_errors_fit_their_sigmas(
 def assert_stream_has_the_same_bits(
     flown: FlightInMemory, told: str, settings: Mapping[str, float] | None = None, in_time: bool = False
 ) -> None:
-    """Ask that a stream, its epochs late or in time, gives the bits of a replay and reports an event of a kind."""
+    """Ask that a stream, its epochs late or in time, gives the bits of a replay and reports an event of a kind.
+
+    The last of every three epochs is in time, so that a flight of as many epochs is done at its end.
+    """
     for delays in (cycle((400_000_000, 200_000_000, 0)), *([no_delay()] if in_time else [])):
         engine = FilterEngine(setup_filter(flown, flown.logs, filter_config("tight17", settings)))
         stream(engine, flown.logs, delays)

@@ -20,18 +20,17 @@ from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.integrity.live import LiveProtection, SubFilter, _Monitored
 from insgnss.runs.setup import setup_filter
-from insgnss.simulation.sample_trajectories import airborne_turns
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import GnssTable
 from tests.filter.test_engine import no_delay, stream
-from tests.runs.scenes import START_NS, flight, rows_where, simulator
+from tests.runs.scenes import START_NS, flight, rows_where, turns
 from tests.runs.test_protection_levels import OPEN, with_fault
 from tests.sensors.test_live import fed, live_setup, made
 
 
 def sampled(duration_s: float) -> Simulator:
     """Return turns with 25 samples a second: each goes to a dozen filters, and nothing here depends on their rate."""
-    return simulator(airborne_turns(duration_s), duration_s, imu_rate_hz=25.0)
+    return turns(duration_s, imu_rate_hz=25.0)
 
 
 def seconds(t_ns: int) -> float:

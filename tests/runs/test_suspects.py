@@ -28,7 +28,7 @@ from insgnss.tables import Event, Float64, GnssTable, ImuTable
 from insgnss.units import MPS2_PER_MG, deg_per_h_to_radps
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.rows import Row
-from tests.filter.test_engine import assert_same_bits, no_delay, shortened, stream
+from tests.filter.test_engine import assert_same_bits, beginning, no_delay, shortened, stream
 from tests.runs.scenes import START_NS, flight, true_start, turns
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
@@ -283,8 +283,7 @@ def late_epochs() -> Run:
     t = seconds(logs.gnss.t_ns)
     late = 50_000_000 * ((t > FAULT_S) & (t <= FAULT_S + 20.0))
     flight = with_logs(gnss=replace(logs.gnss, t_ns=logs.gnss.t_ns + late))
-    until = replace(shortened(flight.logs, FAULT_S + 30.0 - BEGIN_S), reference=flight.logs.reference)
-    return insgnss.replay(replace(flight, logs=until))
+    return insgnss.replay(beginning(flight, FAULT_S + 30.0 - BEGIN_S))
 
 
 def test_gnss_tags_that_are_50_ms_late_are_told_at_once() -> None:

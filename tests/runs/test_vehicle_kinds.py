@@ -29,7 +29,7 @@ from tests.benchmarks.trust.motions import (
     straight,
 )
 from tests.benchmarks.trust.rows import Row
-from tests.filter.test_engine import shortened, stream
+from tests.filter.test_engine import beginning, stream
 from tests.runs.test_own_rows import batch, random_delays
 
 START_S = 300_000.0
@@ -49,12 +49,6 @@ def flown(text: str, grade: str, seed: int) -> FlightInMemory:
 
 def equipped(flight: FlightInMemory, which: VehicleRows | None) -> FlightInMemory:
     return dataclasses.replace(flight, config=flight.config.model_copy(update={"vehicle": which}))
-
-
-def until(flight: FlightInMemory, end_s: float) -> FlightInMemory:
-    """Return the first seconds of a flight."""
-    logs = dataclasses.replace(shortened(flight.logs, end_s), reference=flight.logs.reference)
-    return dataclasses.replace(flight, logs=logs)
 
 
 def turned(flight: FlightInMemory, yaw_of_s: Any) -> FlightInMemory:
@@ -103,7 +97,9 @@ def test_minute_without_satellites_in_a_city_costs_a_car_little(grade: str, most
     text = scenario("vehicle", *CITY, grade=grade, faults=outage(*IN_CITY))
     errors, sigmas = [], []
     for seed in range(1, 9):
-        run = insgnss.replay(equipped(until(flown(text, grade, seed), IN_CITY[1] + 15.0), CAR), output=1.0)
+        run = insgnss.replay(
+            equipped(beginning(flown(text, grade, seed), IN_CITY[1] + 15.0), CAR), output=1.0
+        )
         row = errors_at(run, IN_CITY[1] - 1.0)
         errors.append([row["d_n_m"], row["d_e_m"]])
         sigmas.append([row["sd_n_m"], row["sd_e_m"]])

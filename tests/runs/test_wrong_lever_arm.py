@@ -16,9 +16,10 @@ from insgnss.filter.state import MAX_OPTIONAL
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
+from tests.filter.test_engine import beginning
 from tests.runs.scenes import START_S, flight, kinds, turns
 from tests.runs.test_gnss_tags import worst
-from tests.runs.test_imu_tags_found import SURVEYED, assert_stream_has_the_same_bits, beginning
+from tests.runs.test_imu_tags_found import SURVEYED, assert_stream_has_the_same_bits
 
 WRONG_M = (0.5, -2.0, 1.5)  # by which the flight file is off; the part along the way looks like a time offset
 BLAMED = {"imu_distrusted", "satellite_suspect", "rates_late", "reset", "restart"}

@@ -17,10 +17,9 @@ from insgnss.log.flight import FlightInMemory
 from insgnss.runs.setup import setup_filter
 from insgnss.sensors.fitting import fitted
 from insgnss.simulation.faults import outage
-from insgnss.simulation.sample_trajectories import airborne_turns
 from tests.conftest import REPOSITORY
 from tests.filter.test_engine import epochs
-from tests.runs.scenes import simulator, true_start, with_faults
+from tests.runs.scenes import true_start, turns, with_faults
 from tests.sensors.scenes import fault, flown, simulated, with_sensors
 
 SENSORS = (
@@ -32,7 +31,7 @@ SENSORS = (
 
 def made(seconds: float = 30.0, imu_rate_hz: float = 100.0) -> FlightInMemory:
     """Return a flight with an outage in its middle, and a draught at the barometer that ends in it."""
-    sampled = simulator(airborne_turns(seconds), seconds, imu_rate_hz=imu_rate_hz)
+    sampled = turns(seconds, imu_rate_hz=imu_rate_hz)
     base = with_faults(sampled, [outage(None, 0.4 * seconds, 0.4 * seconds + 8.0)])
     base = with_sensors(base, SENSORS, [fault("draught", 0.3 * seconds, 0.55 * seconds)])
     return flown(base, 1, true_start(base, 2.0))
